@@ -14,7 +14,7 @@ from intuitive_physics.messages.geometry import seconds_from_stamp
 from intuitive_physics.observation import Detections, Observation
 from intuitive_physics_experiments.rendering.ground_truth import GroundTruth
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_bag
-from intuitive_physics_perception.detection.settings import SphereDetectionSettings
+from intuitive_physics_perception.detection.fitted_sphere import EDGE_GROWTH, SYSTEMATIC_ERROR
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.input.frame_decoder import FrameDecoder
 from intuitive_physics_perception.pipeline import PerceptionPipeline
@@ -118,18 +118,18 @@ def test_the_common_error_is_within_the_bias(bag, perceived, errors):
     What all frames share is at least the error that the settings name. Edges that grow by g pixels
     make a radius, and with it the way from the surface to the centre, larger by g z / f.
     """
-    settings, camera = SphereDetectionSettings(), GroundTruth.load(bag).camera
+    camera = GroundTruth.load(bag).camera
     eye = perceived.model.to_environment(np.zeros((1, 3)))
     farthest = max(
         float(np.linalg.norm(track.positions - eye, axis=1).max()) for track in perceived.tracks
     )
-    most = settings.edge_growth * farthest / camera.focal_length
+    most = EDGE_GROWTH * farthest / camera.focal_length
     means = np.stack([off.mean(axis=0) for off in errors])
     spread = np.stack([t.bias + t.covariances.mean(axis=0) / len(t) for t in perceived.tracks])
     assert mean_squares(means, spread).mean() < 1.5
     for track in perceived.tracks:
         deviations = np.sqrt(np.linalg.eigvalsh(track.bias))
-        assert (deviations >= settings.systematic_error - 1e-9).all()
+        assert (deviations >= SYSTEMATIC_ERROR - 1e-9).all()
         assert (deviations < most).all()
 
 

@@ -27,7 +27,6 @@ from intuitive_physics_experiments.rendering.corner_room import (
 )
 from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer, cast_sphere
 from intuitive_physics_experiments.rendering.throws import make_throws
-from intuitive_physics_perception.appearance.settings import AppearanceSettings
 from intuitive_physics_perception.appearance.sphere_image import sphere_image
 from intuitive_physics_perception.appearance.spin_fit import LARGEST_TURN, Spin
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
@@ -73,7 +72,7 @@ def thrown(
     turned = Rotation.random(random_state=int(rng.integers(1 << 30))).as_matrix()
     ball = ColoredBall(start, 0.05, BallSurface(pattern), turned, velocity, spin)
     camera = ColorCamera(renderer, light, ColorNoise(), rng)
-    surface, found = SurfaceSpin(AppearanceSettings()), []
+    surface, found = SurfaceSpin(), []
     for k in range(FRAMES):
         now = ball.after(k / RATE)
         now.center[2] -= 0.5 * 9.81 * (k / RATE) ** 2
@@ -104,7 +103,7 @@ def look(
         float(np.linalg.norm(center)),
     )
     pixels = np.flatnonzero(depth.ravel() > 0.0)
-    image = sphere_image(detected, pixels, points, camera.read([ball]), AppearanceSettings())
+    image = sphere_image(detected, pixels, points, camera.read([ball]))
     if image is not None:
         surface.take(time, image.moved(own.rotation))
 

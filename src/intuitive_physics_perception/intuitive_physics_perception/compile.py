@@ -6,12 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.kernels.warm_up import WarmUp
-from intuitive_physics_perception.appearance.settings import AppearanceSettings
 from intuitive_physics_perception.appearance.sphere_image import sphere_image
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
 from intuitive_physics_perception.detection.box_fit import find_faces
 from intuitive_physics_perception.detection.detections import DetectedSphere
-from intuitive_physics_perception.detection.settings import SolidDetectionSettings
 from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.compressed import unpack_rvl
 from intuitive_physics_perception.input.depth import points_from_depth
@@ -47,7 +45,7 @@ def warm_up() -> None:
         pipeline.process(points, 0.1 * k)
     _look_at_ball(frames[1])
     unpack_rvl(np.zeros(1, dtype="<u4"), 1)
-    find_faces(_corner(), np.full(300, 1e-3), SolidDetectionSettings(), np.random.default_rng(0))
+    find_faces(_corner(), np.full(300, 1e-3), np.random.default_rng(0))
 
 
 def _corner() -> NDArray[np.float64]:
@@ -72,9 +70,8 @@ def _look_at_ball(points: NDArray[np.float32]) -> None:
     colors = np.repeat(chequered[:, :, None], 3, axis=2).astype(np.uint8)
     sphere = DetectedSphere(np.array([0.0, 0.0, 1.5]), 0.2, 1e-6 * np.eye(4), 200, 1.5)
     pixels = np.flatnonzero(points[..., 2].ravel() < 1.6)
-    settings = AppearanceSettings()
-    image = sphere_image(sphere, pixels, points, colors, settings)
-    spin = SurfaceSpin(settings)
+    image = sphere_image(sphere, pixels, points, colors)
+    spin = SurfaceSpin()
     for k in range(3):
         if image is not None:
             spin.take(0.03 * k, image)

@@ -248,14 +248,16 @@ class PerceptionPipeline:
         with timer.stage("spheres"):
             spheres = scene.find_spheres(points, clusters, time)
         with timer.stage("solids"):
-            seen = all_objects(points, spheres, scene.stages.solids, colors)
-            pixels = [item.pixels(points) for item in seen]
+            objects_seen = all_objects(points, spheres, scene.stages.solids, colors)
+            pixels = [item.pixels(points) for item in objects_seen]
             scene.stages.foreground.expect_objects(pixels)
         with timer.stage("tracking"):
             pose = scene.model.rotation, scene.model.translation
-            detections = [item.detection.moved(*pose) for item in seen]
+            detections = [item.detection.moved(*pose) for item in objects_seen]
             ended = scene.tracker.update(time, detections)
-            scene.look_at_surfaces(list(zip(seen, detections, strict=True)), points, colors, time)
+            scene.look_at_surfaces(
+                list(zip(objects_seen, detections, strict=True)), points, colors, time
+            )
             scene.look_back()
             objects = tuple(self._perceived(track, scene) for track in scene.tracker.tracks)
         with timer.stage("episodes"):
@@ -305,7 +307,7 @@ class PerceptionPipeline:
         self._up, self._up_seen_from = up, self._pose
         self._forget_environment()
         reason = (
-            f"flights show that gravity points {angle:.0f}° beside what the support told: the "
+            f"flights show that gravity points {angle:.0f}° beside what the support showed: the "
             "environment is modelled again"
         )
         return self._model_again(time, reason, ())

@@ -14,7 +14,8 @@ from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.scene import Environment
 from intuitive_physics_perception.appearance.sphere_image import sphere_image
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
-from intuitive_physics_perception.appearance.turn_search import turn_tables
+from intuitive_physics_perception.appearance.turn_search import SEARCH_STEP, turn_tables
+from intuitive_physics_perception.detection.cluster_memory import FIRST_SEARCHES
 from intuitive_physics_perception.detection.detections import (
     DetectedSphere,
     Detection,
@@ -38,22 +39,43 @@ from intuitive_physics_perception.environment.environment_model import (
     revised_environment,
 )
 from intuitive_physics_perception.environment.fusion import fused_frame
-from intuitive_physics_perception.environment.gravity import FlightGravity
+from intuitive_physics_perception.environment.gravity import MIN_TURN, FlightGravity
 from intuitive_physics_perception.environment.range_cloud import RangeCloud
-from intuitive_physics_perception.environment.settled_view import SettledView
+from intuitive_physics_perception.environment.settled_view import GONE_TIME, SettledView
 from intuitive_physics_perception.environment.static_boxes import StaticBoxFilter, with_static_boxes
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import Episode, EpisodeRecorder, record_of
 from intuitive_physics_perception.tracking.motion import PLACED, POSITION, RADIUS
 from intuitive_physics_perception.tracking.motion_fits import noise_factor
 from intuitive_physics_perception.tracking.track import Track
-from intuitive_physics_perception.tracking.tracker import Tracker
+from intuitive_physics_perception.tracking.tracker import RADIUS_GATE, Tracker
+
+MIN_VISIBLE = 0.1
+"""Part of the readings, of what it was at first, that nothing hides at least: with less nothing can
+be told of the planes."""
+
+COVERED_TIME = 2.0
+"""Time for which nearly all is hidden until the sensor counts as moved, s."""
+
+SEARCHES_IN_FRAME = 1
+"""Clusters that are searched for spheres at random in one frame, which bounds its time."""
+
+HINDSIGHT = 0.2
+"""Time for which frames are kept, to look in them for a ball before it was first seen, s: a hand
+that lets it go is 50 to 80 ms away before the ball ends all round its outline."""
+
+HINDSIGHT_FRAMES = 2
+"""Frames looked back into in each new one, which bounds its time."""
+
+HINDSIGHT_GATE = 0.5
+"""How far from a straight line through the next two a ball may have been then, in radii: a hand
+that gains 30 m/s² moves it by 16 mm in 1/30 s."""
 
 CHECKED_POINTS = 1200
 """Points of each frame, evenly over it, that are compared with the planes: bounds the time."""
 
 LOOK_EVERY = 0.25
-"""s between two looks for what has changed: half of the shortest time in which something may."""
+"""s between two checks of what has changed: half of the shortest time in which something may."""
 
 
 class EnvironmentCheck:
@@ -67,7 +89,7 @@ class EnvironmentCheck:
     Parameters
     ----------
     model : the environment
-    settings : `moved_fraction`, `moved_time` and `revision` decide
+    settings : `moved_fraction` and `moved_time` decide
     revised : whether what comes and goes is looked for
     """
 
@@ -82,16 +104,14 @@ class EnvironmentCheck:
     def moved(self, points: NDArray[np.float32], time: float) -> str:
         """Say in a sentence that the sensor was moved; empty while it was not.
 
-        Parameters
-        ----------
-        points : (height, width, 3) m in the sensor's frame, NaN where nothing was read
-        time : s
+        `points` (height, width, 3) m in the sensor's frame, NaN where nothing was read; `time` in
+        s.
         """
         if not self._model.detected:
             return ""
         now, was = self._agreement(points), self._model.agreement
         least = self._settings.moved_fraction
-        covered = now.visible < self._settings.revision.least_visible * was.visible
+        covered = now.visible < MIN_VISIBLE * was.visible
         fraction = now.explained / max(was.explained, 1e-9)
         # Where the support is as it was the sensor is as high and tilted as it was: what is
         # elsewhere came or went, which a revision finds.
@@ -104,9 +124,7 @@ class EnvironmentCheck:
         if self._since is None or time < self._since:
             self._since = time
         lasting = time - self._since
-        if lasting < (
-            self._settings.revision.covered_time if covered else self._settings.moved_time
-        ):
+        if lasting < (COVERED_TIME if covered else self._settings.moved_time):
             return ""
         if covered:
             return (
@@ -130,7 +148,7 @@ class EnvironmentCheck:
         if len(some) < MIN_POINTS:
             return self._model.agreement
         cloud = RangeCloud(some.astype(np.float64), self._model.noise, self._settings)
-        return plane_agreement(cloud, self._model.detected, self._settings)
+        return plane_agreement(cloud, self._model.detected)
 
 
 class Stages:
@@ -160,14 +178,11 @@ class Stages:
         self.static_boxes = StaticBoxFilter(model, settings)
         self.spheres = SphereFinder(model.noise, settings, rng, before)
         self.solids = SolidFinder(model, settings, rng) if settings.find_solids else None
-        self._searches = settings.clusters.first_searches
 
     def clusters(self, points: NDArray[np.float32]) -> Clusters:
         """Return clusters of what is neither a plane nor a static box.
 
-        Parameters
-        ----------
-        points : (height, width, 3) m, of a frame
+        `points` (height, width, 3) m, of a frame.
         """
         return self.static_boxes.without(points, self.foreground.find(points))
 
@@ -175,11 +190,9 @@ class Stages:
         """Find where each pixel's ray meets a plane, and search the first clusters, so that no
         later frame waits for it.
 
-        Parameters
-        ----------
-        points : (height, width, 3) m, of a frame
+        `points` (height, width, 3) m, of a frame.
         """
-        for _ in range(self._searches):
+        for _ in range(FIRST_SEARCHES):
             spheres = self.spheres.find(points, self.clusters(points))
             all_objects(points, spheres, self.solids)
 
@@ -194,7 +207,7 @@ class ModelledScene:
     settings : of all stages
     rng : source of all random choices
     first_track : number of the first track
-    measured : whether gravity was, so that flights need not tell
+    measured : whether gravity was measured, so that flights are not needed
     background : in which the environment is revised while frames go on; None revises it at once
     """
 
@@ -213,10 +226,10 @@ class ModelledScene:
         self._rng = rng
         self._background = background
         self._view = _settled_view(model, frames, settings)
-        self._recent = RecentFrames(settings.tracking.hindsight)
+        self._recent = RecentFrames(HINDSIGHT)
         self._flights: FlightGravity | None = None
         if settings.gravity_from_flights and settings.gravity_source == "plane" and not measured:
-            self._flights = FlightGravity(settings.gravity, settings.support)
+            self._flights = FlightGravity(settings.gravity)
         self._pending: Future[Stages | None] | None = None
         self._changed_since: float | None = None
         self._settled = frames[-1]
@@ -225,7 +238,7 @@ class ModelledScene:
         self.stages.prepare(frames[-1])
         if settings.spin_from_surface:
             # Made here, as the first ball that flies cannot wait for them.
-            turn_tables(settings.appearance.search_step)
+            turn_tables(SEARCH_STEP)
         self.check = EnvironmentCheck(model, settings, revised=self._view is not None)
         self.restart_tracking(first_track)
 
@@ -242,9 +255,7 @@ class ModelledScene:
     def look_from(self, way: RigidTransform) -> None:
         """Look from where the sensor is now; what each pixel read before counts at home only.
 
-        Parameters
-        ----------
-        way : from the sensor's frame now to its frame when the environment was modelled
+        `way`: from the sensor's frame now to its frame when the environment was modelled.
         """
         if is_same_view(way, self._home.model.noise):
             self.stages = self._home
@@ -265,10 +276,7 @@ class ModelledScene:
         """Return the spheres of a frame by cluster: those that are followed are looked for first,
         where they are expected.
 
-        Parameters
-        ----------
-        points : (height, width, 3) m
-        time : s
+        `points` (height, width, 3) m; `time` in s.
         """
         expected = [
             np.append(self.model.to_sensor(sphere[:3]), sphere[3])
@@ -276,9 +284,7 @@ class ModelledScene:
         ]
         if self.is_at_home:
             self._recent.keep(time, points, clusters)
-        return self.stages.spheres.find(
-            points, clusters, self._settings.clusters.searches_in_frame, expected
-        )
+        return self.stages.spheres.find(points, clusters, SEARCHES_IN_FRAME, expected)
 
     def look_at_surfaces(
         self,
@@ -289,16 +295,13 @@ class ModelledScene:
     ) -> None:
         """See in a frame how the balls that fly freely turn.
 
-        Parameters
-        ----------
-        seen : objects of the frame, and the detections that the tracker took for them
-        points, colors : (height, width, 3) m and (height, width, 3)
-        time : s
+        `seen`: objects of the frame, and the detections that the tracker took for them; `points`
+        (height, width, 3) m and `colors` (height, width, 3); `time` in s.
         """
         if colors is None or points.shape[0] == 1 or not self._settings.spin_from_surface:
             return
-        by_detection = {id(detection): one for one, detection in seen}
-        appearance, rotation = self._settings.appearance, self.model.rotation
+        by_detection = {id(detection): item for item, detection in seen}
+        rotation = self.model.rotation
         for track in self.tracker.followed:
             shown = by_detection.get(id(track.steps[-1].seen))
             if shown is None or not isinstance(shown.detection, DetectedSphere):
@@ -308,20 +311,20 @@ class ModelledScene:
                 continue
             pixels = shown.pixels(points)
             sphere = self._followed_sphere(track, shown.detection)
-            image = sphere_image(sphere, pixels, points, colors, appearance)
+            image = sphere_image(sphere, pixels, points, colors)
             if image is not None:
-                track.surface = track.surface or SurfaceSpin(appearance)
+                track.surface = track.surface or SurfaceSpin()
                 track.surface.take(time, image.moved(rotation))
 
     def _followed_sphere(self, track: Track, detected: DetectedSphere) -> DetectedSphere:
         """A sphere that is seen, in the sensor's frame, as all frames so far show it."""
-        known = replace(
+        averaged = replace(
             detected,
             center=track.mean[POSITION],
             radius=float(track.mean[RADIUS]),
             covariance=track.covariance[np.ix_(PLACED, PLACED)] + track.systematic,
         )
-        return known.moved(self.model.rotation.T, self.model.to_sensor(np.zeros(3)))
+        return averaged.moved(self.model.rotation.T, self.model.to_sensor(np.zeros(3)))
 
     def look_back(self) -> None:
         """Look for each new ball in the frames before it was first seen, a few in each new frame.
@@ -330,31 +333,30 @@ class ModelledScene:
         can be told all the same.
         """
         for track in self.tracker.tracks:
-            for _ in range(self._settings.tracking.hindsight_frames):
+            for _ in range(HINDSIGHT_FRAMES):
                 if track.earlier is not None and not self._was_seen_earlier(track):
                     self.tracker.take_earlier(track)
 
     def _was_seen_earlier(self, track: Track) -> bool:
         """Take the detection of a track in one frame more before those it was seen in."""
-        seen = track.seen[:2]
-        frame = self._recent.before(seen[0][0])
-        if track.earlier is None or track.kind != "sphere" or len(seen) < 2 or frame is None:
+        first_two = track.seen[:2]
+        frame = self._recent.before(first_two[0][0])
+        if track.earlier is None or track.kind != "sphere" or len(first_two) < 2 or frame is None:
             return False
-        (first, at_first), (second, at_second) = seen
+        (first, at_first), (second, at_second) = first_two
         time, points, clusters = frame
         velocity = (at_second.center - at_first.center) / (second - first)
         place = at_first.center + (time - first) * velocity
         radius = float(track.mean[RADIUS])
-        found = self.stages.spheres.find_expected(
+        detected = self.stages.spheres.find_expected(
             points, clusters, np.append(self.model.to_sensor(place), radius)
         )
-        if found is None:
+        if detected is None:
             return False
-        detection = found.moved(self.model.rotation, self.model.translation)
-        settings = self._settings.tracking
+        detection = detected.moved(self.model.rotation, self.model.translation)
         deviation = np.sqrt(detection.covariance[3, 3] + track.radius_variance)
-        same = np.linalg.norm(detection.center - place) < settings.hindsight_gate * radius
-        if not same or abs(detection.radius - radius) > settings.radius_gate * deviation:
+        same = np.linalg.norm(detection.center - place) < HINDSIGHT_GATE * radius
+        if not same or abs(detection.radius - radius) > RADIUS_GATE * deviation:
             return False
         track.earlier.append((time, detection))
         return True
@@ -370,24 +372,18 @@ class ModelledScene:
             self._view.restart()
 
     def up_of_flights(self, episodes: Sequence[Episode]) -> NDArray[np.float64] | None:
-        """Return the unit vector (3,) against gravity, in the sensor's frame, where flights tell
-        that it is elsewhere than was modelled; else None.
-
-        Parameters
-        ----------
-        episodes : that are over
-        """
+        """Return the unit vector (3,) against gravity, in the sensor's frame, where flights show
+        that it is elsewhere than was modelled; else None."""
         if self._flights is None or not episodes or not self.is_at_home:
             return None
         for track in (track for episode in episodes for track in episode.tracks):
-            seen = record_of(track, self._settings)
-            window = self._settings.initial_state.noise_window
-            factor = noise_factor(seen.times, seen.positions, seen.covariances, window)
-            self._flights.take(seen.times, seen.positions, factor * seen.covariances)
-        found, turned = self._flights.up(), self._settings.support.turned
-        if found is None:
+            record = record_of(track, self._settings)
+            factor = noise_factor(record.times, record.positions, record.covariances)
+            self._flights.take(record.times, record.positions, factor * record.covariances)
+        estimate, turned = self._flights.up(), MIN_TURN
+        if estimate is None:
             return None
-        up, deviation = found
+        up, deviation = estimate
         if up[2] >= np.cos(np.radians(max(turned, 3.0 * deviation))):
             self.stages.model = replace(self.model, gravity_doubt="")
             if 3.0 * deviation < turned:
@@ -401,17 +397,9 @@ class ModelledScene:
     ) -> str | None:
         """See in a frame whether parts of the environment have come or gone, and revise it then.
 
-        Parameters
-        ----------
-        points : (height, width, 3) m
-        time : s
-        objects : pixels (n,) of each object of the frame
-
-        Returns
-        -------
-        str or None
-            What has changed, in a sentence, empty while nothing has; None where the support has
-            gone, and the environment has to be modelled anew.
+        `points` (height, width, 3) m; `time` in s; `objects` (n,) pixels of each object of the
+        frame. Returns what has changed, in a sentence, empty while nothing has; None
+        where the support has gone, and the environment has to be modelled again.
         """
         if self._view is None or not self.is_at_home:
             return ""
@@ -421,7 +409,7 @@ class ModelledScene:
         if self._pending is None or not self._pending.done():
             return ""
         stages, self._pending = self._pending.result(), None
-        self._next_look = time + self._settings.revision.gone_time
+        self._next_look = time + GONE_TIME
         return None if stages is None else self._take(stages)
 
     def _look(self, view: SettledView, time: float) -> None:
@@ -432,7 +420,7 @@ class ModelledScene:
             self._changed_since = None
         elif self._changed_since is None:
             self._changed_since = time
-        elif time - self._changed_since >= self._settings.revision.gone_time:
+        elif time - self._changed_since >= GONE_TIME:
             self._changed_since = None
             self._begin_revision(view, time)
 
@@ -478,8 +466,8 @@ def _settled_view(
     and asked for."""
     if not (settings.revise_environment and is_organised(frames)):
         return None
-    known = fused_frame(frames, frames[0].size).astype(np.float32)
-    return SettledView(known, model.noise, settings.revision)
+    fused = fused_frame(frames, frames[0].size).astype(np.float32)
+    return SettledView(fused, model.noise)
 
 
 def _nearest_ranges(frames: Sequence[NDArray[np.float32]]) -> NDArray[np.float32] | None:
@@ -499,10 +487,8 @@ def _revised_stages(
 ) -> Stages | None:
     """Stages for an environment of which something has come or gone; None where its support has.
 
-    Parameters
-    ----------
-    known : (height, width, 3) m, what has been seen for some time
-    before : (height, width) m, as `Stages` has it
+    `known` (height, width, 3) m, what has been seen for some time; `before` (height, width) m, as
+    `Stages` has it.
     """
     revised = revised_environment(model, known, settings, rng)
     if revised is None:
@@ -542,6 +528,6 @@ def perceive_cloud(
     frame = cloud if cloud.ndim == 3 else cloud[None]
     model = model_environment([frame], settings, rng)
     clusters = ForegroundFinder(model, settings).find(frame)
-    found = SphereFinder(model.noise, settings, rng).find(frame, clusters)
-    spheres = without_doubles([sphere for part in found for sphere in part.spheres])
+    parts = SphereFinder(model.noise, settings, rng).find(frame, clusters)
+    spheres = without_doubles([sphere for part in parts for sphere in part.spheres])
     return model.environment, [s.moved(model.rotation, model.translation) for s in spheres]

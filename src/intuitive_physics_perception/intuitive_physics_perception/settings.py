@@ -9,25 +9,6 @@ from typing import Any
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.settings import check_settings, choice, number, other
 from intuitive_physics.validation import name_string, positive_float, unit_vector
-from intuitive_physics_perception.appearance.settings import AppearanceSettings
-from intuitive_physics_perception.detection.settings import (
-    ClusterSettings,
-    SolidDetectionSettings,
-    SphereDetectionSettings,
-)
-from intuitive_physics_perception.environment.settings import (
-    PlaneDetectionSettings,
-    PlaneEdgeSettings,
-    RestSettings,
-    RevisionSettings,
-    StaticBoxSettings,
-    SupportSettings,
-)
-from intuitive_physics_perception.tracking.settings import (
-    InitialStateSettings,
-    MotionSettings,
-    TrackingSettings,
-)
 
 GRAVITY_SOURCES = ("plane", "up_hint", "imu")
 """Values of the setting `gravity_source`."""
@@ -123,7 +104,7 @@ class PerceptionSettings:
     )
     gravity_from_flights: bool = other(
         True,
-        "what falls freely tells the direction of gravity: where it differs from that of the "
+        "measure the direction of gravity on what falls freely: where it differs from that of the "
         "support the environment is modelled again",
     )
     up_hint_tolerance: float = number(
@@ -253,37 +234,6 @@ class PerceptionSettings:
         "with an organised cloud or a depth image",
     )
 
-    plane_detection: PlaneDetectionSettings = other(
-        PlaneDetectionSettings(), "how planes are searched for"
-    )
-    plane_edges: PlaneEdgeSettings = other(
-        PlaneEdgeSettings(), "when the end of a plane counts as seen"
-    )
-    static_box_fit: StaticBoxSettings = other(StaticBoxSettings(), "what becomes a static box")
-    support: SupportSettings = other(
-        SupportSettings(), "which plane can be the support, and what flights tell of gravity"
-    )
-    revision: RevisionSettings = other(
-        RevisionSettings(), "when the environment is revised, and when the sensor was moved"
-    )
-    rest: RestSettings = other(RestSettings(), "when an accelerometer counts as at rest")
-
-    clusters: ClusterSettings = other(ClusterSettings(), "how foreground is split into clusters")
-    spheres: SphereDetectionSettings = other(
-        SphereDetectionSettings(), "how spheres are searched for, fitted and tested"
-    )
-    solids: SolidDetectionSettings = other(
-        SolidDetectionSettings(), "how boxes and capsules are fitted and tested"
-    )
-    appearance: AppearanceSettings = other(
-        AppearanceSettings(), "how spin is measured on what is painted on a ball"
-    )
-    motion: MotionSettings = other(MotionSettings(), "how objects are expected to move")
-    tracking: TrackingSettings = other(TrackingSettings(), "which detection belongs to which track")
-    initial_state: InitialStateSettings = other(
-        InitialStateSettings(), "how initial states are estimated"
-    )
-
     def __post_init__(self) -> None:
         check_settings(self)
         for low, high in (("min_range", "max_range"), ("min_radius", "max_radius")):
@@ -309,14 +259,14 @@ class PerceptionSettings:
 
 
 def _checked_objects(objects: Iterable[Any]) -> tuple[KnownObject, ...]:
-    known = tuple(objects)
-    for one in known:
-        if not isinstance(one, KnownObject):
-            raise InvalidInputError(f"known object is {one!r}; expected a KnownObject")
-    names = [one.name for one in known]
+    checked = tuple(objects)
+    for item in checked:
+        if not isinstance(item, KnownObject):
+            raise InvalidInputError(f"known object is {item!r}; expected a KnownObject")
+    names = [item.name for item in checked]
     if len(set(names)) != len(names):
         raise InvalidInputError(f"known objects are named {names}; expected each name once")
-    return known
+    return checked
 
 
 NO_OBJECT = KnownObject("none", 1.0, "none")
@@ -329,11 +279,9 @@ NO_DIRECTION = (0.0, 0.0, 0.0)
 def settings_from_values(values: Mapping[str, Any]) -> PerceptionSettings:
     """Return the settings that values by name describe.
 
-    Parameters
-    ----------
-    values : every setting that is a number, word or choice by its own name; `up_hint`, zeros for
-        none; `known_object_names`, `known_object_radii` in m and `known_object_materials`. Others
-        are left alone.
+    `values`: every setting that is a number, word or choice by its own name; `up_hint`, zeros for
+    none; `known_object_names`, `known_object_radii` in m and `known_object_materials`. Others are
+    left alone.
 
     Raises
     ------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import pytest
@@ -69,6 +70,16 @@ class Room:
         self.rotation = np.array([[0.0, -s, c], [-1.0, 0.0, 0.0], [0.0, -c, -s]])
         self.rays = rays @ self.rotation.T
         self.origin = np.array([0.0, 0.0, self.height])
+
+    @cached_property
+    def _pixel_rays(self) -> NDArray[np.float32]:
+        return Intrinsics(self.width, self.height_pixels, self.matrix).rays()
+
+    def points(
+        self, balls: Sequence[Ball] = (), extra: Sequence[object] = ()
+    ) -> NDArray[np.float32]:
+        """A frame of points (height, width, 3) m in the camera's frame."""
+        return points_from_depth(self.depth(balls, extra), self._pixel_rays)
 
     def to_camera(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         return (np.asarray(points) - self.origin) @ self.rotation
@@ -275,20 +286,19 @@ def bounce() -> Callable[..., NDArray[np.float64]]:
 @pytest.fixture(scope="module")
 def corner_model(
     modelled_corner,
-) -> tuple[Room, NDArray[np.float32], EnvironmentModel]:
-    """A room, the rays of its camera and the environment modelled from eight noisy frames.
+) -> tuple[Room, EnvironmentModel]:
+    """A room and the environment modelled from eight noisy frames of it.
 
     Each module has noise of its own, whatever ran before it in the same process.
     """
-    room, rays, model = modelled_corner
+    room, model = modelled_corner
     own = copy.copy(room)
     own.rng = np.random.default_rng(8)
-    return own, rays, model
+    return own, model
 
 
 @pytest.fixture(scope="session")
-def modelled_corner() -> tuple[Room, NDArray[np.float32], EnvironmentModel]:
+def modelled_corner() -> tuple[Room, EnvironmentModel]:
     room = Room(tilt=25.0, seed=3)
-    rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
-    frames = [points_from_depth(room.depth(), rays) for _ in range(8)]
-    return room, rays, model_environment(frames, PerceptionSettings(), np.random.default_rng(1))
+    frames = [room.points() for _ in range(8)]
+    return room, model_environment(frames, PerceptionSettings(), np.random.default_rng(1))

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.kernels.warm_up import main
-from intuitive_physics_perception.input.camera import Intrinsics
-from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
+
+from .conftest import bouncing_ball
 
 STEP = 1.0 / 30.0
 RADIUS = 0.05
@@ -26,21 +26,14 @@ SETTINGS = PerceptionSettings(environment_frames=4)
 @pytest.fixture(scope="module")
 def recording(corner_model):
     """Eight empty frames, a throw of 0.7 s, ten empty frames; true places in the world."""
-    from_conftest = corner_model[0].__class__
-    room = from_conftest(tilt=25.0, seed=11)
-    rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
+    room = corner_model[0].__class__(tilt=25.0, seed=11)
     times = np.arange(21) * STEP
     p0, v0 = np.array([1.4, -0.3, 0.45]), np.array([0.5, 0.6, 0.4])
     # Up and down until the floor at 0.33 s, then a bounce with e = 0.7 without friction.
-    fall = (v0[2] + np.sqrt(v0[2] ** 2 + 2 * 9.81 * (p0[2] - RADIUS))) / 9.81
-    after = np.maximum(times - fall, 0.0)
-    z = p0[2] + v0[2] * times - 0.5 * 9.81 * times**2
-    up = 0.7 * (9.81 * fall - v0[2])
-    z[times > fall] = (RADIUS + up * after - 0.5 * 9.81 * after**2)[times > fall]
-    places = np.column_stack([p0[0] + v0[0] * times, p0[1] + v0[1] * times, z])
-    frames = [points_from_depth(room.depth(), rays) for _ in range(8)]
-    frames += [points_from_depth(room.depth([(place, RADIUS)]), rays) for place in places]
-    frames += [points_from_depth(room.depth(), rays) for _ in range(10)]
+    places = bouncing_ball(times, p0, v0, RADIUS, 0.7)
+    frames = [room.points() for _ in range(8)]
+    frames += [room.points([(place, RADIUS)]) for place in places]
+    frames += [room.points() for _ in range(10)]
     return room, frames, places, v0
 
 
@@ -158,18 +151,17 @@ def test_kernels_can_be_compiled_beforehand(capsys) -> None:
     assert "kernels ready" in capsys.readouterr().out
 
 
-def solid_states(room, rays, shape_at, times):
+def solid_states(room, shape_at, times):
     """Perceived frames of eight empty frames and then a solid at each of some times."""
-    frames = [points_from_depth(room.depth(), rays) for _ in range(8)]
-    frames += [points_from_depth(room.depth(extra=[shape_at(t)]), rays) for t in times]
-    frames += [points_from_depth(room.depth(), rays) for _ in range(10)]
+    frames = [room.points() for _ in range(8)]
+    frames += [room.points(extra=[shape_at(t)]) for t in times]
+    frames += [room.points() for _ in range(10)]
     return play(frames)
 
 
 @pytest.mark.parametrize("kind", ["box", "capsule"])
 def test_a_thrown_box_or_capsule_goes_through_the_same_door(corner_model, shapes, kind) -> None:
     room = corner_model[0].__class__(tilt=25.0, seed=12)
-    rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
     times = np.arange(12) * STEP
     start, v0 = np.array([1.4, -0.3, 0.6]), np.array([0.3, 0.8, 0.9])
     spin, first = np.array([0.6, 0.0, 2.5]), Rotation.from_euler("zyx", [0.6, 0.4, 0.2])
@@ -185,7 +177,7 @@ def test_a_thrown_box_or_capsule_goes_through_the_same_door(corner_model, shapes
             return shapes["box"](place(t), (0.14, 0.2, 0.1), turned(t))
         return shapes["capsule"](place(t), 0.1 * turned(t)[:, 2], 0.05)
 
-    perceived = solid_states(room, rays, shape_at, times)
+    perceived = solid_states(room, shape_at, times)
     model = perceived[3].model
     into = model.rotation @ room.rotation.T
     (seen,) = perceived[8 + len(times) - 1].objects

@@ -183,7 +183,7 @@ def _states(
         record = _record(
             item, detections, detections.times <= time, observation.start_time, settings
         )
-        free = FreeMotion(record, observation.environment, settings.initial_state, settings.motion)
+        free = FreeMotion(record, observation.environment)
         state = state_at(record, time, free, settings)
         if state is None:
             return None
@@ -249,8 +249,7 @@ def _attitudes(
     first = Attitude(
         rotation_matrix(state.orientation), state.angular_velocity, _turning(state), shape
     )
-    noise = settings.motion.angular_acceleration_noise
-    return tuple(first.after(float(time), noise) for time in since)
+    return tuple(first.after(float(time)) for time in since)
 
 
 def _turning(state: ObjectState) -> NDArray[np.float64]:

@@ -240,7 +240,7 @@ def example_frame(
         rotation=rotation,
         translation=translation,
         environment=observation.environment,
-        plane_outlines=tuple(plane.corners @ rotation.T + translation for plane in model.detected),
+        plane_outlines=tuple(plane.hull @ rotation.T + translation for plane in model.detected),
         sphere_center=track.positions[shown],
         sphere_radius=seen.object.shape.bounding_radius,
         track=track.positions,

@@ -91,13 +91,8 @@ def add_scores(
 ) -> None:
     """Add to each rotation's score of two images: Σ e f - ρ (e² + f²) / 2 of their common cells.
 
-    Parameters
-    ----------
-    first, second : (g, g) values, NaN where there is none
-    axes : (2, 3, 3) of both views, as rows
-    rotations : (m, 3, 3), from the second to the first
-    pitch : of the cells
-    scores : (m,) sums, written
+    `first` and `second` (g, g) values, NaN where there is none; `axes` (2, 3, 3) of both views, as
+    rows; `rotations` (m, 3, 3), from the second to the first; `scores` (m,) sums, written.
     """
     size = first.shape[0]
     cells, seen = (
@@ -196,22 +191,11 @@ def overlay(values: Any, axes: Any, times: Any, spin: Any, reach: int, pitch: fl
 
     What differs between two images by a smooth field (`SMOOTH` harmonics) is light, and left out.
 
-    Parameters
-    ----------
-    values : (k, g, g), NaN where there is none
-    axes : (k, 3, 3) of the views, as rows
-    times : (k,) s
-    spin : (3,) rad/s
-    reach : images that far apart in order are compared
-    pitch : of the cells
-
-    Returns
-    -------
-    array
-        (25,), of residuals r = e_k - e_j and slopes J = ∂e_j/∂ω: the normal matrix Σ J Jᵀ (9), the
-        gradient Σ J r (3), Σ over blocks of the products of their gradients (9); the weight of
-        all cells, Σ e_k e_j, and Σ (e_k² + e_j²) / 2; and the sum over all pairs of the square of
-        this power over the weight of the pair's cells
+    `values` (k, g, g), NaN where there is none; `axes` (k, 3, 3) of the views, as rows; `times`
+    (k,) s; `spin` (3,) rad/s. Returns (25,), of residuals r = e_k - e_j and slopes J =
+    ∂e_j/∂ω: the normal matrix Σ J Jᵀ (9), the gradient Σ J r (3), Σ over blocks of the products of
+    their gradients (9); the weight of all cells, Σ e_k e_j, and Σ (e_k² + e_j²) / 2; and the sum
+    over all pairs of the square of this power over the weight of the pair's cells.
     """
     sums = np.zeros(UNEVEN + 1)
     size = values.shape[1]
@@ -423,20 +407,10 @@ def sample(
 ) -> int:
     """Write the brightness of each cell of a grid (g, g), NaN where not all of it is seen.
 
-    Parameters
-    ----------
-    image : (height, width), brightness
-    shown : (height, width), whether a pixel may show the sphere
-    lens : (6, 2), row and column as polynomials in the slopes of a ray to the line of sight
-    distance : m, from the sensor to the sphere's centre
-    radius : of the sphere, m
-    pitch : of the cells
-    grid : written
-
-    Returns
-    -------
-    int
-        How many cells are seen.
+    `image` (height, width), brightness; `shown` (height, width), whether a pixel may show the
+    sphere; `lens` (6, 2), row and column as polynomials in the slopes of a ray to the line of
+    sight; `distance` in m, from the sensor to the sphere's centre. Returns how many cells are
+    seen.
     """
     size, count = grid.shape[0], 0
     middle = 0.5 * (size - 1)

@@ -14,8 +14,13 @@ from intuitive_physics_perception.appearance.registration import (
     common_area,
     sample,
 )
-from intuitive_physics_perception.appearance.settings import AppearanceSettings
 from intuitive_physics_perception.detection.detections import DetectedSphere
+
+GRID_CELLS = 32
+"""Cells along each edge of the image of a sphere."""
+
+MIN_READINGS = 90
+"""Readings with a colour that an image of a sphere needs at least."""
 
 ON_SURFACE = 1.15
 """Radii from a sphere's centre beyond which a reading shows something else."""
@@ -83,18 +88,14 @@ def sphere_image(
     pixels: NDArray[np.int64],
     points: NDArray[np.float32],
     colors: NDArray[np.uint8],
-    settings: AppearanceSettings,
 ) -> SphereImage | None:
     """Return the image of a sphere, None where too little of it is seen.
 
-    Parameters
-    ----------
-    sphere : in the frame of the points, the sensor at the origin
-    pixels : (n,) indices of readings on it
-    points, colors : (height, width, 3) m and (height, width, 3), of a frame with fixed pixels
-    settings : tuned numbers
+    `sphere`: in the frame of the points, the sensor at the origin; `pixels` (n,) indices of
+    readings on it; `points` (height, width, 3) m and `colors` (height, width, 3), of a frame
+    with fixed pixels.
     """
-    if len(pixels) < settings.min_readings:
+    if len(pixels) < MIN_READINGS:
         return None
     rows, columns = np.divmod(pixels, points.shape[1])
     top, left = max(int(rows.min()) - 1, 0), max(int(columns.min()) - 1, 0)
@@ -108,11 +109,11 @@ def sphere_image(
     away = np.linalg.norm(around, axis=2)
     # Where no range was read the colour may well be the sphere's.
     shown = np.isnan(away) | (away < ON_SURFACE * sphere.radius)
-    grid = np.empty((settings.cells, settings.cells))
-    pitch = pitch_of(settings.cells)
+    grid = np.empty((GRID_CELLS, GRID_CELLS))
+    pitch = pitch_of(GRID_CELLS)
     distance = float(np.linalg.norm(sphere.center))
     count = sample(brightness, shown, lens, distance, sphere.radius, pitch, grid)
-    if count < 0.25 * settings.cells**2:
+    if count < 0.25 * GRID_CELLS**2:
         return None
     noise = _noise(brightness, shown & ~np.isnan(away))
     return _image(grid, noise, axes, sphere)
@@ -127,8 +128,8 @@ def _image(
     """The image of which a grid (g, g) has the brightness, with its noise of a pixel in levels."""
     rows, columns = np.nonzero(~np.isnan(grid))
     x, y = (np.stack([columns, rows]) - 0.5 * (len(grid) - 1)) * pitch_of(len(grid))
-    seen = grid[rows, columns]
-    values = _without_shading(np.stack([x, y, np.sqrt(1.0 - x**2 - y**2)]), seen)
+    brightness = grid[rows, columns]
+    values = _without_shading(np.stack([x, y, np.sqrt(1.0 - x**2 - y**2)]), brightness)
     if not values.any():
         return None
     inner = float(np.std(values[x**2 + y**2 < 1.0 - (RIM + TAPER) ** 2]))
@@ -137,7 +138,7 @@ def _image(
     across = axes[:2] @ sphere.covariance[:3, :3] @ axes[:2].T
     return SphereImage(
         whole,
-        inner * float(np.mean(seen) + DARK) / noise,
+        inner * float(np.mean(brightness) + DARK) / noise,
         axes,
         float(np.sqrt(0.5 * np.trace(across))) / sphere.radius,
         float(np.sqrt(sphere.covariance[3, 3])) / sphere.radius,
@@ -155,8 +156,8 @@ def _lens(
     basis = np.stack([np.ones_like(a), a, b, a * a, a * b, b * b], axis=1)
     scale = np.abs(basis).max(axis=0)
     basis /= scale
-    found = np.linalg.solve(basis.T @ basis + 1e-9 * len(a) * np.eye(6), basis.T @ pixels)
-    return np.ascontiguousarray(found / scale[:, None])
+    solution = np.linalg.solve(basis.T @ basis + 1e-9 * len(a) * np.eye(6), basis.T @ pixels)
+    return np.ascontiguousarray(solution / scale[:, None])
 
 
 def _noise(brightness: NDArray[np.float64], shown: NDArray[np.bool_]) -> float:
@@ -166,8 +167,8 @@ def _noise(brightness: NDArray[np.float64], shown: NDArray[np.bool_]) -> float:
     inside = shown[:, :-2] & shown[:, 1:-1] & shown[:, 2:]
     if not inside.any():
         return LEAST_NOISE
-    found = float(np.median(np.abs(second[inside]))) / MAD_OF_SECOND_DIFFERENCE
-    return max(found, LEAST_NOISE)
+    deviation = float(np.median(np.abs(second[inside]))) / MAD_OF_SECOND_DIFFERENCE
+    return max(deviation, LEAST_NOISE)
 
 
 def _view(center: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -180,19 +181,21 @@ def _view(center: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([right, [y * c - z * b, z * a - x * c, x * b - y * a], toward])
 
 
-def _without_shading(places: NDArray[np.float64], seen: NDArray[np.float64]) -> NDArray[np.float64]:
+def _without_shading(
+    places: NDArray[np.float64], brightness: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Logarithms of brightness (n,) at places (3, n) less those of what smooth light makes of a
     surface of one colour, that of most cells: polynomials up to the second degree."""
     x, y, z = places
     basis = np.stack([np.ones_like(x), x, y, z, x * y, x * z, y * z, x * x - y * y, z * z])
-    some, chosen = basis[:, ::2], seen[::2]
+    some, chosen = basis[:, ::2], brightness[::2]
     weights = np.ones_like(chosen)
     for _ in range(ROBUST_STEPS):
         weighted = some * weights
-        normal = weighted @ some.T + 1e-6 * len(seen) * np.eye(9)
-        found = np.linalg.solve(normal, weighted @ chosen)
-        off = np.abs(chosen - found @ some)
+        normal = weighted @ some.T + 1e-6 * len(brightness) * np.eye(9)
+        coefficients = np.linalg.solve(normal, weighted @ chosen)
+        off = np.abs(chosen - coefficients @ some)
         scale = 4.0 * max(float(np.median(off)), LEAST_NOISE)
         weights = np.square(np.maximum(1.0 - np.square(off / scale), 0.0)) + 1e-3
-    smooth = found @ basis
-    return np.asarray(np.log(seen + DARK) - np.log(np.maximum(smooth, 0.0) + DARK))
+    smooth = coefficients @ basis
+    return np.asarray(np.log(brightness + DARK) - np.log(np.maximum(smooth, 0.0) + DARK))

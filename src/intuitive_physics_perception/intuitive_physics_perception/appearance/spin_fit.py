@@ -18,8 +18,19 @@ from intuitive_physics_perception.appearance.registration import (
     UNEVEN,
     overlay,
 )
-from intuitive_physics_perception.appearance.settings import AppearanceSettings
-from intuitive_physics_perception.appearance.sphere_image import SphereImage, pitch_of
+from intuitive_physics_perception.appearance.sphere_image import (
+    GRID_CELLS,
+    SphereImage,
+    pitch_of,
+)
+
+ALIGNMENT_DEVIATION = 0.012
+"""Standard deviation of the angle by which an image is off, as its cells and the pattern's edges
+are no finer, rad."""
+
+LIGHT_SLOPE = 0.3
+"""Slope of the logarithm of brightness that light and shade leave after smooth ones are taken out,
+and which stands still, 1/rad."""
 
 LARGEST_TURN = 2.6
 """rad from frame to frame of a spin that is believed. More than half a turn looks like the rest of
@@ -71,34 +82,29 @@ class ImageSeries:
     ----------
     times : (k,) s
     images : of one size
-    settings : tuned numbers
     """
 
     def __init__(
         self,
         times: Sequence[float],
         images: Sequence[SphereImage],
-        settings: AppearanceSettings,
     ) -> None:
         self.times = np.array(times)
-        self._settings = settings
         self._axes = np.stack([image.axes for image in images])
         self._values = np.stack([image.values for image in images])
         power = np.nanmean(np.square(self._values), axis=(1, 2))
         # Of a side without a pattern it is the noise whose cells go together.
         self._area = float(np.average([image.area for image in images], weights=power))
         self._seen = float(np.count_nonzero(~np.isnan(self._values)))
-        self._pitch = pitch_of(settings.cells)
+        self._pitch = pitch_of(GRID_CELLS)
         self._place = float(np.mean([image.place_deviation**2 for image in images]))
         self._scale = float(np.mean([image.scale_deviation**2 for image in images]))
 
     def fitted(self, spin: NDArray[np.float64], *, reach: int = 1) -> Spin:
         """Return the spin that lays all images over one another best, near another.
 
-        Parameters
-        ----------
-        spin : (3,) rad/s
-        reach : images that far apart are compared first, then twice as far, up to all
+        `spin` (3,) rad/s; `reach`: images that far apart are compared first, then twice as far, up
+        to all.
         """
         last = len(self.times) - 1
         reach = min(reach, last)
@@ -125,10 +131,10 @@ class ImageSeries:
         return np.asarray(np.cross(first, last) / (self.times[-1] - self.times[0]))
 
     def _overlay(self, spin: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
-        found: NDArray[np.float64] = overlay(
+        sums: NDArray[np.float64] = overlay(
             self._values, self._axes, self.times, spin, reach, self._pitch
         )
-        return found
+        return sums
 
     def _spin_of(self, mean: NDArray[np.float64], sums: NDArray[np.float64]) -> Spin:
         """A spin with its covariance and evidence from the sums over all pairs of images."""
@@ -157,7 +163,7 @@ class ImageSeries:
         pairs = sums[CELLS] / self._seen * len(self.times)
         covariance += ALIKE * misfit * pairs * inverse
         # What stands still beside the pattern draws the spin towards zero.
-        pull = self._settings.light_slope**2 * sums[CELLS] * self._pull_of_light(mean)
+        pull = LIGHT_SLOPE**2 * sums[CELLS] * self._pull_of_light(mean)
         drawn = inverse @ pull
         covariance += np.outer(drawn, drawn)
         covariance += self._geometry_covariance(mean)
@@ -177,7 +183,7 @@ class ImageSeries:
         slopes = _slopes(spin, self.times - self.times.mean())
         toward = self._axes[:, 2]
         across = np.eye(3) - toward[:, :, None] * toward[:, None, :]
-        errors = self._settings.alignment_deviation**2 * np.eye(3) + self._place * across
+        errors = ALIGNMENT_DEVIATION**2 * np.eye(3) + self._place * across
         turned_back = slopes.transpose(0, 2, 1)
         inverse = np.linalg.inv((turned_back @ slopes).sum(axis=0))
         meat = (turned_back @ errors @ slopes).sum(axis=0)

@@ -7,14 +7,45 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_perception.appearance.settings import AppearanceSettings
 from intuitive_physics_perception.appearance.sphere_image import SphereImage
 from intuitive_physics_perception.appearance.spin_fit import (
     LARGEST_TURN,
     ImageSeries,
     Spin,
 )
-from intuitive_physics_perception.appearance.turn_search import TurnSearch
+from intuitive_physics_perception.appearance.turn_search import MIN_CONTRAST, TurnSearch
+
+COMPARED_FRAMES = 12
+"""Images of a flight that are compared at most: the first, the newest, and of the others those that
+leave the smallest gaps."""
+
+SEARCH_FRAMES = 8
+"""Newest images of a flight in which a spin is searched that is not known."""
+
+CANDIDATES = 4
+"""Rotations that are refined, the best of those tried."""
+
+MIN_LIKELIHOOD = 40.0
+"""Logarithm of how much likelier the images must be than without a common pattern: the best of
+10,000 rotations reaches 9 by chance."""
+
+LEAD = 0.75
+"""Part of that logarithm that any other rotation may have: with more there are two explanations,
+and the spin is unknown."""
+
+AGREEMENT = 0.84
+"""Correlation of the images of a flight that is at least needed."""
+
+LIGHT_TURN = 0.3
+"""Standard deviation of the angular velocity with which light and highlights seem to turn with a
+plain ball, rad/s."""
+
+HIGHLIGHT_TURN = 0.3
+"""The same of a highlight, as a part of the angular velocity of the line of sight."""
+
+STANDING_GATE = 25.0
+"""Squared angular velocity, in variances, that a pattern must have: what stands still in the room,
+or goes with the line of sight, may be light."""
 
 REACH = 4
 """Images that far apart are compared first in a search: what turns fast has little in common with
@@ -44,15 +75,9 @@ RIVALS = 3
 
 
 class SurfaceSpin:
-    """Finds the spin of one ball in a flight, image after image.
+    """Finds the spin of one ball in a flight, image after image."""
 
-    Parameters
-    ----------
-    settings : tuned numbers
-    """
-
-    def __init__(self, settings: AppearanceSettings) -> None:
-        self._settings = settings
+    def __init__(self) -> None:
         self.forget()
 
     def forget(self) -> None:
@@ -72,10 +97,7 @@ class SurfaceSpin:
     def take(self, time: float, image: SphereImage) -> None:
         """Take the image of a frame in free flight.
 
-        Parameters
-        ----------
-        time : s, later than that of the image before
-        image : in a frame that stands still
+        `time` in s, later than that of the image before.
         """
         self._times.append(time)
         self._images.append(image)
@@ -87,9 +109,9 @@ class SurfaceSpin:
     def _follow(self, spin: Spin) -> None:
         """Correct a spin that is known; forget it where the newest image contradicts it."""
         self._thin()
-        series = ImageSeries(self._times, self._images, self._settings)
-        found = [series.fitted(spin.mean, reach=len(self._times))]
-        self.spin = self._accepted(series, found, KEPT * self._settings.agreement)
+        series = ImageSeries(self._times, self._images)
+        fits = [series.fitted(spin.mean, reach=len(self._times))]
+        self.spin = self._accepted(series, fits, KEPT * AGREEMENT)
         self._confirmed += 1
         if self.spin is None:
             proven, time, image = self._confirmed > PROVEN, self._times[-1], self._images[-1]
@@ -101,19 +123,18 @@ class SurfaceSpin:
 
     def _look(self) -> None:
         """Search for the spin among all rotations from frame to frame."""
-        settings = self._settings
-        del self._times[: -settings.search_frames], self._images[: -settings.search_frames]
+        del self._times[:-SEARCH_FRAMES], self._images[:-SEARCH_FRAMES]
         if len(self._times) < 2:
             return
         duration = self._times[-1] - self._times[-2]
         if self._search is None or duration < SHORTER * self._search.duration:
-            self._search, self._interval = TurnSearch(duration, settings), duration
+            self._search, self._interval = TurnSearch(duration), duration
         self._search.add(self._times, self._images)
         # A side without a pattern says where the pattern is not, but nothing is found on it.
         self._waits -= 1
-        if len(self._times) < 3 or self._images[-1].contrast < settings.contrast or self._waits > 0:
+        if len(self._times) < 3 or self._images[-1].contrast < MIN_CONTRAST or self._waits > 0:
             return
-        series = ImageSeries(self._times, self._images, settings)
+        series = ImageSeries(self._times, self._images)
         self.spin = self._found(series, self._search)
         # What has not been understood so far deserves less time.
         self._misses += 1
@@ -121,10 +142,10 @@ class SurfaceSpin:
 
     def _found(self, series: ImageSeries, search: TurnSearch) -> Spin | None:
         """The spin that explains the images, found from the best of those tried."""
-        count, agreement = self._settings.candidates, self._settings.agreement
+        count, agreement = CANDIDATES, AGREEMENT
         begins = search.best(RIVALS * count)
-        found = [series.fitted(begin, reach=REACH) for begin in begins[:count]]
-        best = self._accepted(series, found, agreement)
+        fits = [series.fitted(begin, reach=REACH) for begin in begins[:count]]
+        best = self._accepted(series, fits, agreement)
         if best is None:
             return None
         # Before it is believed, others are looked for where they may have been missed.
@@ -132,48 +153,44 @@ class SurfaceSpin:
         rivals = [*(best.mean + near)]
         if np.linalg.norm(best.mean) * search.duration > RECURRING:
             rivals += begins[count:]
-        found += [series.fitted(rival, reach=REACH) for rival in rivals]
-        return self._accepted(series, found, agreement)
+        fits += [series.fitted(rival, reach=REACH) for rival in rivals]
+        return self._accepted(series, fits, agreement)
 
     def _thin(self) -> None:
         """Keep as many images as are compared: without the one whose neighbours are closest."""
-        if len(self._times) > self._settings.frames:
+        if len(self._times) > COMPARED_FRAMES:
             times = np.array(self._times)
             left_out = 1 + int(np.argmin(times[2:] - times[:-2]))
             del self._times[left_out], self._images[left_out]
 
-    def _accepted(
-        self, series: ImageSeries, found: Sequence[Spin], agreement: float
-    ) -> Spin | None:
+    def _accepted(self, series: ImageSeries, fits: Sequence[Spin], agreement: float) -> Spin | None:
         """The spin that explains the images, if it is the only one that does."""
-        settings = self._settings
-        if not found:
+        if not fits:
             return None
-        best = max(found, key=lambda one: one.likelihood)
+        best = max(fits, key=lambda fit: fit.likelihood)
         if (
-            best.likelihood < settings.likelihood
+            best.likelihood < MIN_LIKELIHOOD
             or best.correlation < agreement
             or np.linalg.norm(best.mean) * self._interval > LARGEST_TURN
             or self._may_be_light(best, series.view_rate)
         ):
             return None
-        rivals = [one for one in found if one.likelihood > settings.lead * best.likelihood]
-        return None if any(_differ(one, best) for one in rivals) else best
+        rivals = [fit for fit in fits if fit.likelihood > LEAD * best.likelihood]
+        return None if any(_differ(fit, best) for fit in rivals) else best
 
     def _may_be_light(self, spin: Spin, view_rate: NDArray[np.float64]) -> bool:
         """Whether what turns so may be light, which stands still, or a highlight, which goes a part
         of the way with the line of sight (3,) rad/s."""
-        settings = self._settings
-        unsure = settings.light_turn**2 + settings.highlight_turn**2 * float(view_rate @ view_rate)
+        unsure = LIGHT_TURN**2 + HIGHLIGHT_TURN**2 * float(view_rate @ view_rate)
         inverse = np.linalg.inv(spin.covariance + unsure * np.eye(3))
         most = max(float(view_rate @ inverse @ view_rate), 1e-12)
         part = float(np.clip(view_rate @ inverse @ spin.mean / most, 0.0, 1.0))
         away = spin.mean - part * view_rate
-        return bool(away @ inverse @ away < settings.standing_gate)
+        return bool(away @ inverse @ away < STANDING_GATE)
 
 
-def _differ(one: Spin, other: Spin) -> bool:
+def _differ(spin: Spin, other: Spin) -> bool:
     """Whether two spins are two, beyond their errors."""
-    away = one.mean - other.mean
-    spread: NDArray[np.float64] = one.covariance + other.covariance
+    away = spin.mean - other.mean
+    spread: NDArray[np.float64] = spin.covariance + other.covariance
     return bool(away @ np.linalg.solve(spread, away) > 25.0)

@@ -14,8 +14,18 @@ from intuitive_physics_perception.appearance.registration import (
     best_apart,
     joint_scores,
 )
-from intuitive_physics_perception.appearance.settings import AppearanceSettings
-from intuitive_physics_perception.appearance.sphere_image import SphereImage, pitch_of
+from intuitive_physics_perception.appearance.sphere_image import GRID_CELLS, SphereImage, pitch_of
+
+MAX_SPIN = 150.0
+"""Fastest angular velocity that is looked for; more than half a turn from frame to frame, 94 rad/s
+at 30 Hz, looks like a turn the other way, rad/s."""
+
+SEARCH_STEP = 0.3
+"""Distance of the rotations from one image to another that are tried, rad."""
+
+MIN_CONTRAST = 2.5
+"""Standard deviation of the brightness of a surface, less shading, in those of the noise of a
+pixel, below which it is plain."""
 
 LARGEST_SEARCHED = 2.9
 """rad from frame to frame: a little less than half a turn, which has two directions."""
@@ -44,25 +54,21 @@ class TurnSearch:
     Parameters
     ----------
     duration : s, from one frame to the next
-    settings : tuned numbers
     """
 
-    def __init__(self, duration: float, settings: AppearanceSettings) -> None:
+    def __init__(self, duration: float) -> None:
         self.duration = duration
-        self._contrast = settings.contrast
-        self._rotations, turns, places = turn_tables(settings.search_step)
-        count = np.searchsorted(np.linalg.norm(turns, axis=1), settings.max_spin * duration)
+        self._contrast = MIN_CONTRAST
+        self._rotations, turns, places = turn_tables(SEARCH_STEP)
+        count = np.searchsorted(np.linalg.norm(turns, axis=1), MAX_SPIN * duration)
         self._turns, self._places = turns[:count], places[:count]
-        self._pitch = 2.0 * pitch_of(settings.cells)
+        self._pitch = 2.0 * pitch_of(GRID_CELLS)
         self._scores = np.zeros((LAGS, len(self._rotations)))
 
     def add(self, times: Sequence[float], images: Sequence[SphereImage]) -> None:
         """Compare the last image with those before it.
 
-        Parameters
-        ----------
-        times : (k,) s
-        images : (k,) at these times
+        `times` (k,) s; `images` (k,) at these times.
         """
         newest = images[-1]
         for time, image in zip(times[:-1], images[:-1], strict=True):
@@ -93,15 +99,10 @@ def turn_tables(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]:
     """Return rotations, spins, and where in the rotations they lead.
 
-    Parameters
-    ----------
-    step : rad between neighbouring rotations
-
-    Returns
-    -------
-    rotations : (m, 3, 3), as good as all there are, from a later image to an earlier one
-    turns : (n, 3) rad in one interval, `FINER` times as close, slow ones first
-    places : (n, LAGS), index of the rotation in each number of intervals
+    `step` in rad between neighbouring rotations. Returns `rotations` (m, 3, 3), as good as all
+    there are, from a later image to an earlier one; `turns` (n, 3) rad in one interval, `FINER`
+    times as close, slow ones first; `places` (n, LAGS), index of the rotation in each number of
+    intervals.
     """
     vectors = ball_of_turns(step, np.pi + step)
     turns = ball_of_turns(step / FINER, LARGEST_SEARCHED)

@@ -12,15 +12,52 @@ from numpy.typing import NDArray
 from intuitive_physics.kernels import allocating_entry
 from intuitive_physics.shapes import Box
 from intuitive_physics_perception.detection.detections import DetectedSolid
-from intuitive_physics_perception.detection.settings import SolidDetectionSettings
 from intuitive_physics_perception.environment.planes import DetectedPlane
+
+BOX_INLIERS = 0.88
+"""Part of the readings that must lie on the faces of a box."""
+
+FACE_HYPOTHESES = 150
+"""Random planes that are tried for a face."""
+
+FACE_SCORED_POINTS = 200
+"""Points that these are scored on."""
+
+FACE_SIGMAS = 2.5
+"""Standard deviations from a face within which a reading is on it."""
+
+SURFACE_DEVIATION = 0.001
+"""Unevenness of a surface, as a standard deviation; it biases the centre in every frame, m."""
+
+FACE_ANGLE = 82.0
+"""Angle between the normals of two faces at least, degrees."""
+
+FACE_READINGS = 25
+"""Readings on a face at least."""
+
+FACE_PART = 0.08
+"""Part of the readings on a face at least."""
+
+FACE_REFINEMENTS = 3
+"""Rounds of assigning readings to faces and fitting."""
+
+FACE_CELLS = 6
+"""Cells along each side of a face, counted to see it filled."""
+
+FACE_FILLED = 0.75
+"""Part of these cells that must have readings, and of readings in them."""
+
+STANDING_GAP = 0.04
+"""Gap to a plane up to which a box stands on it, m."""
+
+STANDING_ANGLE = 6.0
+"""Angle between a box's axis and the plane's normal at most, degrees."""
 
 
 def fit_box(
     points: NDArray[np.float64],
     deviations: NDArray[np.float64],
     planes: Sequence[DetectedPlane],
-    settings: SolidDetectionSettings,
     rng: np.random.Generator,
 ) -> DetectedSolid | None:
     """Return the box whose faces hold the points, None where there are not two at a right angle.
@@ -28,32 +65,27 @@ def fit_box(
     One face alone does not determine the depth of a box. Readings at the foot of a box are taken
     for the plane it stands on, so a box that almost reaches one of `planes` reaches it.
 
-    Parameters
-    ----------
-    points : (n, 3) m, the sensor at the origin
-    deviations : (n,) m, of the readings along their rays
-    planes : of the environment, in the sensor's frame
-    settings : tuned numbers
-    rng : decides which hypotheses are tried
+    `points` (n, 3) m, the sensor at the origin; `deviations` (n,) m, of the readings along their
+    rays.
     """
-    faces = find_faces(points, deviations, settings, rng)
-    if faces is None or np.mean(faces.face >= 0) < settings.box_inliers:
+    faces = find_faces(points, deviations, rng)
+    if faces is None or np.mean(faces.face >= 0) < BOX_INLIERS:
         return None
     low, high = _bounds(points, faces)
     edges = high - low
-    if (edges <= 0.0).any() or not _is_filled(points, faces, low, high, settings):
+    if (edges <= 0.0).any() or not _is_filled(points, faces, low, high):
         return None
     pitch = _pitch(points, faces, edges)
-    low, high = _down_to_planes(faces, low, high, planes, settings)
+    low, high = _down_to_planes(faces, low, high, planes)
     edges = high - low
     if (edges <= 0.0).any():
         # A thin thing that lies beyond the plane: no box stands there.
         return None
     center = faces.rotation @ (0.5 * (low + high))
     variance = (0.5 * pitch) ** 2
-    seen = np.arange(3) < len(faces.offsets)
+    has_face = np.arange(3) < len(faces.offsets)
     # Along a normal the face is known well and only the far side depends on where edges are seen.
-    across = faces.rotation @ np.diag(np.where(seen, 0.25, 0.5) * variance) @ faces.rotation.T
+    across = faces.rotation @ np.diag(np.where(has_face, 0.25, 0.5) * variance) @ faces.rotation.T
     turn = (np.median(deviations) / edges.max()) ** 2 * 12.0 / max(len(points), 1) + 1e-4
     return DetectedSolid(
         Box((float(edges[0]), float(edges[1]), float(edges[2]))),
@@ -61,7 +93,7 @@ def fit_box(
         faces.rotation,
         across,
         turn * np.eye(3),
-        variance + settings.surface_deviation**2,
+        variance + SURFACE_DEVIATION**2,
         len(points),
         float(np.mean(np.square(faces.errors[faces.face >= 0]))),
     )
@@ -107,11 +139,10 @@ def _is_filled(
     faces: BoxFaces,
     low: NDArray[np.float64],
     high: NDArray[np.float64],
-    settings: SolidDetectionSettings,
 ) -> bool:
     """Whether readings lie all over each face, and none before one: a corner of a room has them."""
     local = points @ faces.rotation
-    edges, cells_along = high - low, settings.face_cells
+    edges, cells_along = high - low, FACE_CELLS
     for k in range(len(faces.offsets)):
         first, second = [axis for axis in range(3) if axis != k]
         on = local[faces.face == k]
@@ -119,7 +150,7 @@ def _is_filled(
         cells = np.floor(cells_along * inside[:, [first, second]]).astype(np.intp)
         within = ((cells >= 0) & (cells < cells_along)).all(axis=1)
         filled = len(np.unique(cells[within], axis=0)) / cells_along**2
-        if min(filled, float(within.mean())) < settings.face_filled:
+        if min(filled, float(within.mean())) < FACE_FILLED:
             return False
     return True
 
@@ -139,11 +170,10 @@ def _down_to_planes(
     low: NDArray[np.float64],
     high: NDArray[np.float64],
     planes: Sequence[DetectedPlane],
-    settings: SolidDetectionSettings,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Let sides that are not seen and almost reach a plane reach it."""
     ends, middle = np.stack([low, high]), 0.5 * (low + high)
-    smallest_cosine = float(np.cos(np.radians(settings.standing_angle)))
+    smallest_cosine = float(np.cos(np.radians(STANDING_ANGLE)))
     for axis in range(3):
         direction = faces.rotation[:, axis]
         for plane in planes:
@@ -154,7 +184,7 @@ def _down_to_planes(
             foot = middle.copy()
             foot[axis] = ends[side, axis]
             gap = float(plane.normal @ (faces.rotation @ foot)) - plane.offset
-            if abs(gap) < settings.standing_gap:
+            if abs(gap) < STANDING_GAP:
                 ends[side, axis] -= gap / cosine
     return ends[0], ends[1]
 
@@ -180,37 +210,31 @@ class BoxFaces:
 def find_faces(
     points: NDArray[np.float64],
     deviations: NDArray[np.float64],
-    settings: SolidDetectionSettings,
     rng: np.random.Generator,
 ) -> BoxFaces | None:
     """Return the faces that the points lie on, None where there are not two at a right angle.
 
-    Parameters
-    ----------
-    points : (n, 3) m, the sensor at the origin
-    deviations : (n,) m, of the readings along their rays
-    settings : tuned numbers
-    rng : decides which hypotheses are tried
+    `points` (n, 3) m, the sensor at the origin; `deviations` (n,) m, of the readings along their
+    rays.
     """
-    normals = _face_normals(points, deviations, settings, rng)
-    return _refined(points, deviations, normals, settings) if len(normals) > 1 else None
+    normals = _face_normals(points, deviations, rng)
+    return _refined(points, deviations, normals) if len(normals) > 1 else None
 
 
 def _face_normals(
     points: NDArray[np.float64],
     deviations: NDArray[np.float64],
-    settings: SolidDetectionSettings,
     rng: np.random.Generator,
 ) -> list[NDArray[np.float64]]:
     """Normals of up to three faces at about right angles, the one with most points first."""
     normals: list[NDArray[np.float64]] = []
     free = np.ones(len(points), dtype=bool)
-    needed = max(settings.face_readings, int(settings.face_part * len(points)))
+    needed = max(FACE_READINGS, int(FACE_PART * len(points)))
     while len(normals) < 3 and free.sum() >= needed:
-        plane = _best_plane(points[free], deviations[free], normals, settings, rng)
+        plane = _best_plane(points[free], deviations[free], normals, rng)
         if plane is None:
             break
-        near = np.abs(_scaled(points, deviations, plane, settings)) < settings.face_sigmas
+        near = np.abs(_scaled(points, deviations, plane)) < FACE_SIGMAS
         if (near & free).sum() < needed:
             break
         normals.append(plane[:3])
@@ -222,16 +246,15 @@ def _best_plane(
     points: NDArray[np.float64],
     deviations: NDArray[np.float64],
     upright_to: Sequence[NDArray[np.float64]],
-    settings: SolidDetectionSettings,
     rng: np.random.Generator,
 ) -> NDArray[np.float64] | None:
     """The plane (4,) with most points near, at about right angles to some normals."""
-    triples = points[rng.integers(len(points), size=(settings.face_hypotheses, 3))]
+    triples = points[rng.integers(len(points), size=(FACE_HYPOTHESES, 3))]
     crossed = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
     lengths = np.linalg.norm(crossed, axis=1)
     good = lengths > 1e-9
     normals = crossed[good] / lengths[good, None]
-    largest_cosine = float(np.cos(np.radians(settings.face_angle)))
+    largest_cosine = float(np.cos(np.radians(FACE_ANGLE)))
     for other in upright_to:
         upright = np.abs(normals @ other) < largest_cosine
         normals, good = normals[upright], _narrowed(good, upright)
@@ -240,16 +263,16 @@ def _best_plane(
     offsets = (normals * triples[good, 0]).sum(axis=1)
     normals[offsets > 0.0] *= -1.0
     planes = np.column_stack([normals, -np.abs(offsets)])
-    every = max(len(points) // settings.face_scored_points, 1)
+    every = max(len(points) // FACE_SCORED_POINTS, 1)
     # Other types of array would be compiled for while a frame waits.
     arrays = points[::every], deviations[::every], planes
     scores = _near_counts(
         *(np.ascontiguousarray(array, np.float64) for array in arrays),
-        settings.face_sigmas**2,
-        settings.surface_deviation**2,
+        FACE_SIGMAS**2,
+        SURFACE_DEVIATION**2,
     )
     best = planes[int(scores.argmax())]
-    inliers = points[np.abs(_scaled(points, deviations, best, settings)) < settings.face_sigmas]
+    inliers = points[np.abs(_scaled(points, deviations, best)) < FACE_SIGMAS]
     return _least_squares_plane(inliers) if len(inliers) >= 3 else None
 
 
@@ -273,12 +296,11 @@ def _scaled(
     points: NDArray[np.float64],
     deviations: NDArray[np.float64],
     planes: NDArray[np.float64],
-    settings: SolidDetectionSettings,
 ) -> NDArray[np.float64]:
     """Distances from planes (..., 4), (..., n), in standard deviations; noise acts along rays."""
     along = planes[..., :3] @ points.T
     cosine = along / np.linalg.norm(points, axis=1)
-    spread = np.sqrt(np.square(deviations * cosine) + settings.surface_deviation**2)
+    spread = np.sqrt(np.square(deviations * cosine) + SURFACE_DEVIATION**2)
     return (along - planes[..., 3:]) / spread
 
 
@@ -303,7 +325,6 @@ def _refined(
     points: NDArray[np.float64],
     deviations: NDArray[np.float64],
     normals: Sequence[NDArray[np.float64]],
-    settings: SolidDetectionSettings,
 ) -> BoxFaces | None:
     """Faces at exactly right angles that fit best: each point goes to its nearest face."""
     count = len(normals)
@@ -312,20 +333,20 @@ def _refined(
         stacked = stacked[:, [1, 0, 2]]
     rotation = _right_angled(stacked, np.ones(count))
     offsets = np.array([np.quantile(points @ axis, 0.9) for axis in rotation.T[:count]])
-    for _ in range(settings.face_refinements):
+    for _ in range(FACE_REFINEMENTS):
         planes = np.column_stack([rotation.T[:count], offsets])
-        scaled = _scaled(points, deviations, planes, settings)
+        scaled = _scaled(points, deviations, planes)
         face = np.abs(scaled).argmin(axis=0)
         errors = scaled[face, np.arange(len(points))]
-        face[np.abs(errors) > settings.face_sigmas] = -1
-        own = [points[face == k] for k in range(count)]
-        if min(len(part) for part in own) < settings.face_readings:
+        face[np.abs(errors) > FACE_SIGMAS] = -1
+        parts = [points[face == k] for k in range(count)]
+        if min(len(part) for part in parts) < FACE_READINGS:
             return None
-        fitted = [_least_squares_plane(part) for part in own]
-        weights = np.array([float(len(part)) for part in own])
+        fitted = [_least_squares_plane(part) for part in parts]
+        weights = np.array([float(len(part)) for part in parts])
         rotation = _right_angled(np.column_stack([plane[:3] for plane in fitted]), weights)
         offsets = np.array(
-            [float(np.median(part @ axis)) for part, axis in zip(own, rotation.T, strict=False)]
+            [float(np.median(part @ axis)) for part, axis in zip(parts, rotation.T, strict=False)]
         )
     return BoxFaces(rotation, offsets, face, errors)
 

@@ -11,8 +11,26 @@ from numpy.typing import NDArray
 from intuitive_physics.kernels import allocating_entry, allocating_kernel
 from intuitive_physics.shapes import Capsule
 from intuitive_physics_perception.detection.detections import DetectedSolid
-from intuitive_physics_perception.detection.settings import SolidDetectionSettings
 from intuitive_physics_perception.environment.planes import plane_axes
+
+CAPSULE_SIGMAS = 3.0
+"""Standard deviations from a capsule within which a reading is on it."""
+
+CAPSULE_INLIERS = 0.93
+"""Part of the readings that must lie on a capsule."""
+
+CAPSULE_LENGTH = 0.4
+"""Length of a capsule's cylinder at least, in radii."""
+
+CAP_READINGS = 5
+"""Readings on each cap of a capsule at least."""
+
+CAPSULE_END_UNCERTAINTY = 0.1
+"""Standard deviation of a capsule's end at most, in half its overall length: an end that is hidden
+could be anywhere."""
+
+CAPSULE_ARC = 100.0
+"""Arc of the cylinder that readings must cover, so that they determine its radius, degrees."""
 
 MAX_STEPS = 40
 """Levenberg-Marquardt steps at most: numerical."""
@@ -37,25 +55,18 @@ def fit_capsule(
     points: NDArray[np.float64],
     deviations: NDArray[np.float64],
     lateral: float,
-    settings: SolidDetectionSettings,
 ) -> DetectedSolid | None:
     """Return the capsule on whose surface the points lie, None where they lie on none.
 
-    Parameters
-    ----------
-    points : (n, 3) m, the sensor at the origin
-    deviations : (n,) m, of the readings along their rays
-    lateral : rad, standard deviation of the readings' directions
-    settings : tuned numbers
+    `points` (n, 3) m, the sensor at the origin; `deviations` (n,) m, of the readings along their
+    rays; `lateral` in rad, standard deviation of the readings' directions.
     """
     parameters, normal, errors = refine_capsule(points, deviations, lateral, _first_guess(points))
-    if not _is_capsule(points, parameters, errors, settings):
+    if not _is_capsule(points, parameters, errors):
         return None
     misfit = float(np.mean(np.square(errors)))
     covariance = _covariance(normal, misfit)
-    if covariance is None or not _ends_are_known(
-        parameters, covariance, settings.capsule_end_uncertainty
-    ):
+    if covariance is None or not _ends_are_known(parameters, covariance):
         return None
     half = float(np.linalg.norm(parameters[3:6]))
     axis = parameters[3:6] / half
@@ -82,13 +93,11 @@ def _covariance(normal: NDArray[np.float64], misfit: float) -> NDArray[np.float6
         return None
 
 
-def _ends_are_known(
-    parameters: NDArray[np.float64], covariance: NDArray[np.float64], uncertainty: float
-) -> bool:
+def _ends_are_known(parameters: NDArray[np.float64], covariance: NDArray[np.float64]) -> bool:
     """Whether it is known where both ends are: one that is hidden could be anywhere."""
     half = float(np.linalg.norm(parameters[3:6]))
     axis = parameters[3:6] / half
-    limit = uncertainty * (half + parameters[6])
+    limit = CAPSULE_END_UNCERTAINTY * (half + parameters[6])
     for side in (-1.0, 1.0):
         end = np.concatenate([axis, side * axis, [0.0]])
         if not end @ covariance @ end < limit**2:
@@ -101,9 +110,7 @@ def _on_axis(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Nearest places (n, 3) on a capsule's axis, and where they are on it: -1 to 1 end to end.
 
-    Parameters
-    ----------
-    parameters : (7,) centre, half of the axis as a vector, radius
+    `parameters` (7,) centre, half of the axis as a vector, radius.
     """
     center, half = parameters[:3], parameters[3:6]
     along = (points - center) @ half / max(float(half @ half), 1e-12)
@@ -130,18 +137,17 @@ def _is_capsule(
     points: NDArray[np.float64],
     parameters: NDArray[np.float64],
     errors: NDArray[np.float64],
-    settings: SolidDetectionSettings,
 ) -> bool:
     """Whether points lie on it, on both caps, and round enough of it to determine its radius."""
     center, half, radius = parameters[:3], parameters[3:6], float(parameters[6])
     length = 2.0 * float(np.linalg.norm(half))
-    if radius <= 0.0 or length < settings.capsule_length * radius:
+    if radius <= 0.0 or length < CAPSULE_LENGTH * radius:
         return False
-    on = np.mean(np.abs(errors) < settings.capsule_sigmas)
-    if on < settings.capsule_inliers or center @ center < radius**2:
+    on = np.mean(np.abs(errors) < CAPSULE_SIGMAS)
+    if on < CAPSULE_INLIERS or center @ center < radius**2:
         return False
     _, along = _on_axis(points, parameters)
-    if min((along > 1.0).sum(), (along < -1.0).sum()) < settings.cap_readings:
+    if min((along > 1.0).sum(), (along < -1.0).sum()) < CAP_READINGS:
         return False
     body = points[np.abs(along) <= 1.0] - center
     axis = half / np.linalg.norm(half)
@@ -151,7 +157,7 @@ def _is_capsule(
         return False
     up /= np.linalg.norm(up)
     angles = np.arctan2(body @ np.cross(axis, up), body @ up)
-    return bool(np.ptp(np.quantile(angles, [0.03, 0.97])) > np.radians(settings.capsule_arc))
+    return bool(np.ptp(np.quantile(angles, [0.03, 0.97])) > np.radians(CAPSULE_ARC))
 
 
 @allocating_entry
@@ -165,17 +171,9 @@ def refine_capsule(
     a reading is off by cos θ of its range error and by sin θ of its lateral one. Residuals above
     `OUTLIER` count less, as in Charbonnier's loss.
 
-    Parameters
-    ----------
-    points : (n, 3) m, the sensor at the origin
-    deviations : (n,) m, of the readings along their rays
-    lateral : rad, standard deviation of the readings' directions
-
-    Returns
-    -------
-    parameters : (7,)
-    normal : (7, 7), of the normal equations
-    errors : (n,) residuals in standard deviations
+    `points` (n, 3) m, the sensor at the origin; `deviations` (n,) m, of the readings along their
+    rays; `lateral` in rad, standard deviation of the readings' directions. Returns `parameters`
+    (7,); `normal` (7, 7), of the normal equations; `errors` (n,) residuals in standard deviations.
     """
     parameters = start.copy()
     normal, right = np.empty((7, 7)), np.empty(7)

@@ -8,8 +8,25 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_perception.detection.settings import ClusterSettings
 from intuitive_physics_perception.environment.noise import RangeNoise
+
+COUNT_TOLERANCE = 0.2
+"""Part by which the size of a cluster may change while it stays as it is."""
+
+MOVEMENT = 0.2
+"""Movement of its centre while it stays as it is, in smallest sphere radii."""
+
+MOVEMENT_SIGMAS = 3.0
+"""Standard deviations of the movement that the noise of its readings makes, added to that."""
+
+FIRST_SEARCHES = 3
+"""Frames in a row in which a cluster is searched before it counts as known."""
+
+SEARCH_PERIOD = 30
+"""Frames after which a known cluster is searched again."""
+
+FRAMES_REMEMBERED = 15
+"""Frames for which a cluster that is not there is remembered: noise takes some in and out."""
 
 Found = TypeVar("Found")
 
@@ -28,7 +45,6 @@ class RememberedCluster(Generic[Found]):
     unseen : frames since it was there
     waited : frames in which its search had to wait, since the last one
     searches, successes : how often it was searched, and how often something was found
-    settings : tuned numbers
     """
 
     centre: NDArray[np.float64]
@@ -36,7 +52,6 @@ class RememberedCluster(Generic[Found]):
     frames: int
     phase: int
     found: Found | None
-    settings: ClusterSettings
     unseen: int = 0
     waited: int = 0
     searches: int = 0
@@ -45,10 +60,8 @@ class RememberedCluster(Generic[Found]):
     @property
     def deserves_a_search(self) -> bool:
         """Whether to search it: what stays the same only rarely, as that costs most of the time."""
-        period = self.settings.search_period
-        return (
-            self.frames < self.settings.first_searches or (self.frames + self.phase) % period == 0
-        )
+        period = SEARCH_PERIOD
+        return self.frames < FIRST_SEARCHES or (self.frames + self.phase) % period == 0
 
     def after_search(self, *, success: bool) -> RememberedCluster[Found]:
         """Return it after a search; after a success it is searched in the next frame, too."""
@@ -67,42 +80,38 @@ class ClusterMemory(Generic[Found]):
     ----------
     stillness : m that the centre of a cluster moves at most while it stays as it is, beside what
         the noise of its readings moves it
-    settings : tuned numbers
     noise : of the readings
     """
 
-    def __init__(self, stillness: float, settings: ClusterSettings, noise: RangeNoise) -> None:
+    def __init__(self, stillness: float, noise: RangeNoise) -> None:
         self._stillness = stillness
         self._noise = noise
-        self._settings = settings
         self._turn = 0
         self._last: list[RememberedCluster[Found]] = []
         self._next: list[RememberedCluster[Found]] = []
 
-    def recall(self, own: NDArray[np.float64]) -> RememberedCluster[Found]:
+    def recall(self, points: NDArray[np.float64]) -> RememberedCluster[Found]:
         """Return what is known of a cluster.
 
-        Parameters
-        ----------
-        own : (n, 3) m, its points
+        `points` (n, 3) m, its points.
         """
-        centre, count = own.mean(axis=0), len(own)
+        centre, count = points.mean(axis=0), len(points)
         # The difference of the means of two times n readings.
         variance = self._noise.deviation(np.linalg.norm(centre)) ** 2 * self._noise.correlated
-        moved = self._settings.movement_sigmas * np.sqrt(2.0 * variance / count)
+        moved = MOVEMENT_SIGMAS * np.sqrt(2.0 * variance / count)
         for k, old in enumerate(self._last):
             if (
-                abs(count - old.count) < self._settings.count_tolerance * old.count
+                abs(count - old.count) < COUNT_TOLERANCE * old.count
                 and np.linalg.norm(centre - old.centre) < self._stillness + moved
             ):
                 del self._last[k]
                 return replace(old, centre=centre, count=count, frames=old.frames + 1, unseen=0)
         self._turn += 1
-        return RememberedCluster(centre, count, 0, self._turn, None, self._settings)
+        return RememberedCluster(centre, count, 0, self._turn, None)
 
-    def keep(self, cluster: RememberedCluster[Found], found: Found | None) -> None:
+    def keep(self, cluster: RememberedCluster[Found], result: Found | None) -> None:
         """Remember a cluster for the next frame with what was found in it."""
-        self._next.append(replace(cluster, found=found, waited=0))
+        self._next.append(replace(cluster, found=result, waited=0))
 
     def postpone(self, cluster: RememberedCluster[Found]) -> None:
         """Remember a cluster of which the search has to wait for the next frame."""
@@ -113,6 +122,6 @@ class ClusterMemory(Generic[Found]):
         missing = [
             replace(old, unseen=old.unseen + 1)
             for old in self._last
-            if old.unseen < self._settings.frames_remembered
+            if old.unseen < FRAMES_REMEMBERED
         ]
         self._last, self._next = self._next + missing, []

@@ -9,7 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.kernels import allocating_entry
-from intuitive_physics_perception.detection.settings import SphereDetectionSettings
+
+WINDOW_RADII = 1.8
+"""Distance from its centre that is inspected around a sphere, in radii."""
+
+WINDOW_READINGS = 32768
+"""Readings around a sphere that are inspected: bounds the time."""
 
 CONE_WIDENING = 1.25
 """Angle of the cone in which readings are gathered, in that which a sphere needs: fits that follow
@@ -23,7 +28,6 @@ class ClusterView:
     ----------
     points : (height, width, 3) of the frame
     cluster : (n,) indices of its points
-    settings : tuned numbers
     before : (height, width) m, what was read when the environment was modelled, if that is known
     """
 
@@ -31,11 +35,9 @@ class ClusterView:
         self,
         points: NDArray[np.float32],
         cluster: NDArray[np.int64],
-        settings: SphereDetectionSettings,
         before: NDArray[np.float32] | None = None,
     ) -> None:
         self._before = before
-        self._settings = settings
         self._known_cone: tuple[NDArray[np.float64], float, NDArray[np.int64]] | None = None
         self.points = points
         self.cluster = cluster
@@ -62,9 +64,7 @@ class ClusterView:
         if not self.is_organised:
             return self.points[0, self._cone(sphere)], 1
         window = self.points[self._window(sphere)]
-        every = int(
-            np.ceil(np.sqrt(window.shape[0] * window.shape[1] / self._settings.window_readings))
-        )
+        every = int(np.ceil(np.sqrt(window.shape[0] * window.shape[1] / WINDOW_READINGS)))
         window = window[::every, ::every]
         return np.ascontiguousarray(window).reshape(-1, 3), every * every
 
@@ -73,18 +73,18 @@ class ClusterView:
     ) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.float32]]:
         """Return readings (n, 3) m about a sphere (4,), which of them (n,) are the cluster's, and
         the range (n,) m read there when the environment was modelled, NaN where it is unknown."""
-        own = np.zeros(self.points.shape[:2], dtype=bool)
-        own.ravel()[self.cluster] = True
+        in_cluster = np.zeros(self.points.shape[:2], dtype=bool)
+        in_cluster.ravel()[self.cluster] = True
         if not self.is_organised:
             near = self._cone(sphere)
             nothing = np.full(len(near), np.nan, dtype=np.float32)
-            return self.points[0, near], own[0, near], nothing
+            return self.points[0, near], in_cluster[0, near], nothing
         window = self._window(sphere)
         points = np.ascontiguousarray(self.points[window]).reshape(-1, 3)
         before = np.full(len(points), np.nan, dtype=np.float32)
         if self._before is not None:
             before = self._before[window].ravel()
-        return points, own[window].ravel(), before
+        return points, in_cluster[window].ravel(), before
 
     def _window(self, sphere: NDArray[np.float64]) -> tuple[slice, slice]:
         """Rows and columns of an organised cloud that hold a sphere's outline and what is round
@@ -94,7 +94,7 @@ class ClusterView:
         away = np.linalg.norm(self._directions - sphere[:3] / distance, axis=1)
         nearest = int(away.argmin())
         row, column = divmod(int(self.cluster[nearest]), width)
-        reach = float(away[nearest]) + self._settings.window_radii * float(sphere[3]) / distance
+        reach = float(away[nearest]) + WINDOW_RADII * float(sphere[3]) / distance
         half = int(min(reach / self.pixel, max(height, width))) + 5
         rows = slice(max(row - half, 0), row + half + 1)
         columns = slice(max(column - half, 0), column + half + 1)
@@ -107,9 +107,7 @@ class ClusterView:
         """
         distance = float(np.linalg.norm(sphere[:3]))
         axis = sphere[:3] / distance
-        angle = float(
-            np.arcsin(min(self._settings.window_radii * float(sphere[3]) / distance, 1.0))
-        )
+        angle = float(np.arcsin(min(WINDOW_RADII * float(sphere[3]) / distance, 1.0)))
         if self._known_cone is not None:
             known_axis, known_angle, indices = self._known_cone
             if float(np.arccos(np.clip(axis @ known_axis, -1.0, 1.0))) + angle <= known_angle:
@@ -122,8 +120,8 @@ class ClusterView:
 
     @cached_property
     def _directions(self) -> NDArray[np.float32]:
-        own = self.points.reshape(-1, 3)[self.cluster]
-        return np.asarray(own / np.linalg.norm(own, axis=1, keepdims=True))
+        points = self.points.reshape(-1, 3)[self.cluster]
+        return np.asarray(points / np.linalg.norm(points, axis=1, keepdims=True))
 
     @cached_property
     def pixel(self) -> float:
@@ -144,11 +142,8 @@ def passing(points: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[
 def readings_in_cone(points: Any, axis: Any, cosine2: float) -> Any:
     """Return the indices (m,) of readings whose rays are near a direction.
 
-    Parameters
-    ----------
-    points : (n, 3) float32 m, may hold NaN
-    axis : (3,) float32, unit vector
-    cosine2 : squared cosine of the cone's half angle, below 90°
+    `points` (n, 3) float32 m, may hold NaN; `axis` (3,) float32, unit vector; `cosine2`: squared
+    cosine of the cone's half angle, below 90°.
     """
     inside = np.empty(points.shape[0], dtype=np.bool_)
     count = 0

@@ -125,10 +125,7 @@ class DetectedSolid:
     ) -> DetectedSolid:
         """Return it in another frame, p_other = rotation p + translation.
 
-        Parameters
-        ----------
-        rotation : (3, 3)
-        translation : (3,) m
+        `rotation` (3, 3); `translation` (3,) m.
         """
         return replace(
             self,

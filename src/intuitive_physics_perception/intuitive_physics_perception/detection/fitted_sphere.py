@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from intuitive_physics_perception.detection.cluster_view import ClusterView, passing
 from intuitive_physics_perception.detection.detections import DetectedSphere
-from intuitive_physics_perception.detection.settings import SphereDetectionSettings
 from intuitive_physics_perception.detection.sphere_fit import readings_beyond, refine_sphere
 from intuitive_physics_perception.detection.sphere_inspection import (
     inspect_sphere,
@@ -18,6 +17,67 @@ from intuitive_physics_perception.detection.sphere_inspection import (
 )
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.settings import PerceptionSettings
+
+FITTED_POINTS = 1000
+"""Points that a sphere is fitted to."""
+
+STRAY_SIGMAS = 5.0
+"""Standard deviations of a ray's direction beyond a sphere's outline within which no other one is
+looked for: noise must not make a second sphere of what strays farthest."""
+
+MIN_DENSITY = 0.9
+"""Part of the disc between readings on a partly visible sphere that must have readings: two scan
+lines of a LiDAR make at most 0.7, a sphere cut off by the image's edge makes 1."""
+
+SYSTEMATIC_ERROR = 0.0001
+"""Standard deviation of what biases centre and radius in every frame, m."""
+
+NOISE_READINGS = 10.0
+"""Independent readings that the noise assumed counts as, against those on a sphere itself, when it
+is judged how much noise these have."""
+
+UNEVENNESS = 0.01
+"""Standard deviation of a ball's surface from a sphere, in radii: half a millimetre of a 5 cm ball,
+3 mm of an exercise ball, which its weight deforms."""
+
+EDGE_GROWTH = 0.7
+"""Standard deviation of the part of a pixel, the same all round and in every frame, by which
+outlines seem larger or smaller than they are: a matching window lets the nearer side of an edge
+grow by up to one pixel (root mean square 0.7 where every second camera does), mixed readings at
+edges take about as much away."""
+
+NEW_READINGS = 0.5
+"""Part of a sphere's readings that must be nearer than what was read there when the environment was
+modelled, or lie where nothing was, for it to be new in the scene."""
+
+NEW_GOES_ON = 0.7
+"""Part of the ring round its outline in which the cluster of a new sphere may go on: each ball of
+its size that it touches covers 0.15, a hand more."""
+
+STATIC_GOES_ON = 0.13
+"""The same of a sphere that was there when the environment was modelled: 2 of 16 sectors, as where
+it touches one other thing."""
+
+STATIC_LEVEL = 0.25
+"""Part of the ring in which any surface may go on round such a sphere: the plane that a ball lies
+on does so in a fifth of it."""
+
+STATIC_ENDS = 0.3
+"""Part of the ring in which something must be read clearly behind such a sphere."""
+
+STATIC_VISIBLE = 0.9
+"""Part of the outline in which the surface of such a sphere must be seen; set on the real scenes
+for tuning of `make bench-perception`."""
+
+SHAPE_MISFIT = 1.65
+"""Mean squared error of the patches of a sphere's surface at most, in variances: three standard
+deviations, 3 sqrt(2 / 44), above one for 48 patches and four fitted numbers."""
+
+KNOWN_RADIUS_SIGMAS = 3.0
+"""Standard deviations by which a radius may differ from a known one."""
+
+KNOWN_RADIUS_MARGIN = 9.0
+"""Squared distance, in variances, by which another known radius must be farther off."""
 
 EXPECTED_REACH = 1.2
 """Radii from a sphere's centre within which readings may be of it. Set by hand."""
@@ -61,36 +121,29 @@ class SphereFit:
     systematic: NDArray[np.float64]
     noise_scale: float = 1.0
 
-    def with_known_radius(
-        self, radii: Sequence[float], tolerance: float, settings: SphereDetectionSettings
-    ) -> SphereFit:
+    def with_known_radius(self, radii: Sequence[float], tolerance: float) -> SphereFit:
         """Return the fit, given that some radii are known.
 
         A known radius is taken where the fit is compatible with it and clearly not with another;
         what else the fit says of the radius moves the centre, as both go together. Where none fits
         it stays as it is: not everything is known.
 
-        Parameters
-        ----------
-        radii : m, of the known objects
-        tolerance : m, by which a known object may differ
-        settings : tuned numbers
+        `radii` in m, of the known objects; `tolerance` in m, by which a known object may differ.
         """
         sphere, covariance = self.sphere, self.covariance
         variance = float(covariance[3, 3])
         if not radii or not np.isfinite(variance) or variance <= 0.0:
             return self
         off = np.array(radii) - sphere[3]
-        distances2 = np.square(off) / (variance + (tolerance / settings.known_radius_sigmas) ** 2)
+        distances2 = np.square(off) / (variance + (tolerance / KNOWN_RADIUS_SIGMAS) ** 2)
         order = np.argsort(distances2)
         nearest = int(order[0])
         ambiguous = (
-            len(radii) > 1
-            and distances2[order[1]] < distances2[nearest] + settings.known_radius_margin
+            len(radii) > 1 and distances2[order[1]] < distances2[nearest] + KNOWN_RADIUS_MARGIN
         )
-        if distances2[nearest] > settings.known_radius_sigmas**2 or ambiguous:
+        if distances2[nearest] > KNOWN_RADIUS_SIGMAS**2 or ambiguous:
             return self
-        # Bayes' rule for a measurement of the radius alone; Joseph's form, K P Kᵀ + g R gᵀ, tells
+        # Bayes' rule for a measurement of the radius alone; Joseph's form, K P Kᵀ + g R gᵀ, keeps
         # both parts of the covariance apart.
         gain = covariance[:, 3] / (variance + RADIUS_DEVIATION**2)
         keep = np.eye(4)
@@ -125,9 +178,8 @@ class SphereFitter:
     ) -> None:
         self._knows_before = knows_before
         self._settings = settings
-        self._search = settings.spheres
         self._rng = rng
-        self.known_radii = [one.radius for one in settings.known_objects]
+        self.known_radii = [known.radius for known in settings.known_objects]
         self._sharing = noise.correlated - 1.0
         self.noise = np.square([noise.constant, noise.quadratic, noise.limit, noise.lateral])
 
@@ -136,61 +188,45 @@ class SphereFitter:
         view: ClusterView,
         part: Part,
         hypothesis: NDArray[np.float64],
-        most_goes_on: float | None = None,
+        most_goes_on: float = NEW_GOES_ON,
         *,
         size_is_known: bool = False,
     ) -> DetectedSphere | None:
         """Return the sphere that a hypothesis becomes on a part of a cluster; None where that is no
         object.
 
-        Parameters
-        ----------
-        view : the cluster
-        part : what the sphere is fitted to
-        hypothesis : (4,) m, centre and radius to begin from
-        most_goes_on : part of the ring round its outline in which the cluster may go on at most;
-            None for what settings allow an object that came into the scene
-        size_is_known : whether other frames tell the radius, so that this one need not
+        `hypothesis` (4,) m, centre and radius to begin from; `most_goes_on`: part of the ring round
+        its outline in which the cluster may go on at most; `size_is_known`: whether other frames
+        tell the radius, so that this one need not.
         """
         fit = self._refined(view, part, hypothesis)
         if fit is None:
             return None
-        fit = fit.with_known_radius(
-            self.known_radii, self._settings.known_object_tolerance, self._search
-        )
+        fit = fit.with_known_radius(self.known_radii, self._settings.known_object_tolerance)
         if not self._is_plausible(fit, size_is_known=size_is_known):
             return None
-        most = self._search.new_goes_on if most_goes_on is None else most_goes_on
-        return self._inspected(view, fit, most)
+        return self._inspected(view, fit, most_goes_on)
 
     def part(self, points: NDArray[np.float64]) -> Part:
         """Return as many of some points as a sphere is fitted to.
 
-        Parameters
-        ----------
-        points : (n, 3) m
+        `points` (n, 3) m.
         """
-        return Part(self.some(points, self._search.fitted_points), len(points))
+        return Part(self.some(points, FITTED_POINTS), len(points))
 
     def part_near(self, points: NDArray[np.float64], sphere: NDArray[np.float64]) -> Part:
         """Return as many of those points whose rays meet a sphere, or hardly miss it.
 
-        Parameters
-        ----------
-        points : (n, 3) m
-        sphere : (4,) m, centre and radius
+        `points` (n, 3) m; `sphere` (4,) m, centre and radius.
         """
         reach = EXPECTED_REACH * sphere[3]
-        reach += self._search.stray_sigmas * np.sqrt(self.noise[3]) * np.linalg.norm(sphere[:3])
+        reach += STRAY_SIGMAS * np.sqrt(self.noise[3]) * np.linalg.norm(sphere[:3])
         return self.part(points[passing(points, sphere[:3]) < reach])
 
     def part_inside(self, points: NDArray[np.float64], sphere: NDArray[np.float64]) -> Part:
         """Return as many of those points whose rays meet a sphere well inside its outline.
 
-        Parameters
-        ----------
-        points : (n, 3) m
-        sphere : (4,) m, centre and radius
+        `points` (n, 3) m; `sphere` (4,) m, centre and radius.
         """
         return self.part(points[passing(points, sphere[:3]) < INSIDE * sphere[3]])
 
@@ -211,34 +247,26 @@ class SphereFitter:
         # scanner's beam smears weigh too much where the others weigh less.
         sharing, growth, doubt = 0.0, 0.0, 1.0 + shared
         if view.is_organised:
-            sharing, growth, doubt = shared, self._search.edge_growth * view.pixel, 1.0
+            sharing, growth, doubt = shared, EDGE_GROWTH * view.pixel, 1.0
         scale, noise = 1.0, self.noise
         for _ in range(2):
             around, _ = view.around(sphere)
             beyond = readings_beyond(around, sphere, self.noise)
-            sphere, covariance, shift, misfit, inliers = refine_sphere(
-                part.points,
-                beyond,
-                sphere,
-                *limits,
-                self._search.inlier_sigmas,
-                noise,
-                sharing,
-                growth,
-            )
-            if not inliers or misfit * scale > self._settings.max_misfit:
+            fit = refine_sphere(part.points, beyond, sphere, *limits, noise, sharing, growth)
+            if not fit.inliers or fit.misfit * scale > self._settings.max_misfit:
                 return None
-            scale *= self._noise_scale(misfit, inliers / (1.0 + shared) - 4.0)
+            sphere = fit.sphere
+            scale *= self._noise_scale(fit.misfit, fit.inliers / (1.0 + shared) - 4.0)
             noise = self.noise * [scale, scale, scale, 1.0]
-        systematic = np.outer(shift, shift) + self._search.systematic_error**2 * np.eye(4)
-        return SphereFit(sphere, doubt * covariance + systematic, systematic, scale)
+        systematic = np.outer(fit.shift, fit.shift) + SYSTEMATIC_ERROR**2 * np.eye(4)
+        return SphereFit(sphere, doubt * fit.covariance + systematic, systematic, scale)
 
     def _noise_scale(self, misfit: float, freedom: float) -> float:
         """By how much the variance of a surface's readings differs from what is assumed of all, as
         its misfit in so many degrees of freedom says: the mean of a scaled inverse χ² posterior,
-        roughly, that begins at one with `noise_readings`."""
-        known, freedom = self._search.noise_readings, max(freedom, 0.0)
-        return (known + freedom * misfit) / (known + freedom)
+        roughly, that begins at one with `NOISE_READINGS`."""
+        prior, freedom = NOISE_READINGS, max(freedom, 0.0)
+        return (prior + freedom * misfit) / (prior + freedom)
 
     def _is_plausible(self, fit: SphereFit, *, size_is_known: bool) -> bool:
         """Size in the limits and known well, centre beyond the surface that is seen."""
@@ -255,24 +283,22 @@ class SphereFitter:
     ) -> DetectedSphere | None:
         settings, sphere = self._settings, fit.sphere
         around, each = view.around(sphere)
-        on, against, visible, density = inspect_sphere(
-            around, sphere, self._search.inlier_sigmas, self.noise
-        )
-        enough = visible >= settings.min_visible_fraction or (
-            visible >= settings.min_partly_visible and density >= self._search.min_density
+        inspection = inspect_sphere(around, sphere, self.noise)
+        enough = inspection.visible >= settings.min_visible_fraction or (
+            inspection.visible >= settings.min_partly_visible and inspection.density >= MIN_DENSITY
         )
         if (
-            each * on < settings.min_points
-            or on < settings.min_surface_fraction * (on + against)
+            each * inspection.on < settings.min_points
+            or inspection.on < settings.min_surface_fraction * (inspection.on + inspection.against)
             or not enough
-            or not self._is_object(view, fit, visible, most_goes_on)
+            or not self._is_object(view, fit, inspection.visible, most_goes_on)
         ):
             return None
         return DetectedSphere(
             sphere[:3],
             float(sphere[3]),
             fit.covariance,
-            each * on,
+            each * inspection.on,
             float(np.linalg.norm(sphere[:3])),
             systematic=fit.systematic,
         )
@@ -286,29 +312,27 @@ class SphereFitter:
         and may touch others. What was there already is most likely not, so it must end all round
         its outline and be seen as a whole.
         """
-        search, sphere = self._search, fit.sphere
-        goes_on, level, ends, new, patches = look_round_outline(
-            *view.surroundings(sphere), sphere, view.pixel, search.inlier_sigmas, self.noise
-        )
-        if self._misfit_of(patches, fit) > search.shape_misfit:
+        sphere = fit.sphere
+        outline = look_round_outline(*view.surroundings(sphere), sphere, view.pixel, self.noise)
+        if self._misfit_of(outline.patches, fit) > SHAPE_MISFIT:
             return False
-        if not self._knows_before or new > search.new_readings:
-            return goes_on <= most_goes_on
+        if not self._knows_before or outline.new > NEW_READINGS:
+            return outline.goes_on <= most_goes_on
         return (
-            goes_on <= search.static_goes_on
-            and level <= search.static_level
-            and ends >= search.static_ends
-            and visible >= search.static_visible
+            outline.goes_on <= STATIC_GOES_ON
+            and outline.level <= STATIC_LEVEL
+            and outline.ends >= STATIC_ENDS
+            and visible >= STATIC_VISIBLE
         )
 
     def _misfit_of(self, patches: NDArray[np.float64], fit: SphereFit) -> float:
-        """Mean squared error of the surface's patches (n, 3) of `look_round_outline`, in variances.
+        """Mean squared error of the surface's patches (n, 3) of `OutlineView`, in variances.
 
-        The mean of a patch averages the noise away, so that it tells shapes apart that differ by
+        The mean of a patch averages the noise away, so that it distinguishes shapes that differ by
         less than the noise of one reading: about one for a sphere.
         """
         readings, errors, variances = patches[patches[:, 0] > 0.0].T
         shared = np.minimum(1.0 + self._sharing, readings)
-        unevenness = self._search.unevenness * float(fit.sphere[3])
+        unevenness = UNEVENNESS * float(fit.sphere[3])
         spread = fit.noise_scale * variances * shared / readings + unevenness**2
         return float(np.sum(errors**2 / spread) / max(len(errors) - 4, 1))

@@ -17,6 +17,15 @@ from intuitive_physics_perception.environment.noise import CHANGE_SIGMAS, RangeN
 from intuitive_physics_perception.environment.planes import DetectedPlane
 from intuitive_physics_perception.settings import PerceptionSettings
 
+JUMP = 0.02
+"""Difference of range that separates neighbouring pixels, m."""
+
+JUMP_SIGMAS = 6.0
+"""Standard deviations of the range that are added to that difference."""
+
+CELLS_PER_GAP = 4.0
+"""Cells along a gap in a cloud that is not organised; one reading stands for its cell."""
+
 ITERATIONS = 8
 """Iterations of the contraction in `free_ranges`: numerical, the rest is far below a millimetre."""
 
@@ -55,7 +64,7 @@ class ForegroundFinder:
     """Takes the planes of one environment out of frames and clusters what is left.
 
     What came into an organised frame since the environment was modelled makes clusters of its own,
-    so that what lies or flies close before something else is told from it.
+    so that what lies or flies close before something else is separated from it.
 
     Parameters
     ----------
@@ -135,15 +144,15 @@ class ForegroundFinder:
         flat = points.reshape(-1, 3)
         before, readings = readings_before(flat, *self._bounds, self._limits)
         before = before[~self._on_planes(flat[before])]
-        known = clutter.holds(flat[before], self._model)
+        is_clutter = clutter.holds(flat[before], self._model)
         mask = np.zeros(points.shape[:2], dtype=np.uint8)
-        mask.ravel()[before] = np.where(known, KNOWN, NEW)
+        mask.ravel()[before] = np.where(is_clutter, KNOWN, NEW)
         clusters = self._organised_clusters(points, mask)
         indices = [cluster for cluster in clusters if mask.ravel()[cluster[0]] == NEW]
         return Clusters(indices, [True] * len(indices), len(before), readings)
 
     def _on_planes(self, points: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Which points (n, 3) lie on a plane, beyond its outline, too: a sensor that has moved sees
+        """Which points (n, 3) lie on a plane, beyond its hull, too: a sensor that has moved sees
         more of a wall."""
         deviations = self._noise.deviation(np.linalg.norm(points, axis=1))
         margins = np.hypot(self._settings.plane_sigmas * deviations, self._settings.plane_tolerance)
@@ -174,8 +183,8 @@ class ForegroundFinder:
             points,
             mask,
             self._limits,
-            self._settings.clusters.jump,
-            self._settings.clusters.jump_sigmas,
+            JUMP,
+            JUMP_SIGMAS,
             self._settings.min_points,
         )
         parts = [order[a:b] for a, b in pairwise(starts)]
@@ -184,11 +193,7 @@ class ForegroundFinder:
     def _unorganised_clusters(
         self, points: NDArray[np.float32], indices: NDArray[np.int64]
     ) -> list[NDArray[np.int64]]:
-        labels = neighbour_labels(
-            points[indices].astype(np.float64),
-            self._settings.cluster_angle,
-            self._settings.clusters.cells_per_gap,
-        )
+        labels = neighbour_labels(points[indices].astype(np.float64), self._settings.cluster_angle)
         sizes = np.bincount(labels, minlength=1)
         largest_first = np.argsort(-sizes, kind="stable")
         return [
@@ -211,26 +216,23 @@ class Clutter:
     ) -> None:
         flat = points.reshape(-1, 3)
         finder = ForegroundFinder(model, settings)
-        own = flat[finder.before(flat)].astype(np.float64)
-        self._tree = KDTree(model.to_environment(own))
-        ranges = np.linalg.norm(own, axis=1)
+        clutter = flat[finder.before(flat)].astype(np.float64)
+        self._tree = KDTree(model.to_environment(clutter))
+        ranges = np.linalg.norm(clutter, axis=1)
         spacing = BETWEEN_READINGS * _angle_between_pixels(points) * ranges
         self._reach = spacing + CHANGE_SIGMAS * model.noise.deviation(ranges)
 
     def holds(self, points: NDArray[np.float32], model: EnvironmentModel) -> NDArray[np.bool_]:
         """Return which readings (n,) may be of it.
 
-        Parameters
-        ----------
-        points : (n, 3) m in the sensor's frame
-        model : of the environment as it is seen now
+        `points` (n, 3) m in the sensor's frame.
         """
-        own = points.astype(np.float64)
-        if not len(self._reach) or not len(own):
-            return np.zeros(len(own), dtype=bool)
-        spread = CHANGE_SIGMAS * model.noise.deviation(np.linalg.norm(own, axis=1))
+        readings = points.astype(np.float64)
+        if not len(self._reach) or not len(readings):
+            return np.zeros(len(readings), dtype=bool)
+        spread = CHANGE_SIGMAS * model.noise.deviation(np.linalg.norm(readings, axis=1))
         distances, nearest = self._tree.query(
-            model.to_environment(own), distance_upper_bound=self._reach.max() + spread.max()
+            model.to_environment(readings), distance_upper_bound=self._reach.max() + spread.max()
         )
         # What is farther has the index after the last one.
         return np.asarray(distances <= np.append(self._reach, 0.0)[nearest] + spread)
@@ -240,17 +242,17 @@ def _angle_between_pixels(points: NDArray[np.float32]) -> float:
     """Median angle in rad between the rays of neighbours in a row of points (height, width, 3)."""
     rays = points / np.linalg.norm(points, axis=2, keepdims=True)
     angles = np.linalg.norm(np.diff(rays, axis=1), axis=2)
-    known = angles[np.isfinite(angles)]
-    return float(np.median(known)) if known.size else 0.0
+    finite = angles[np.isfinite(angles)]
+    return float(np.median(finite)) if finite.size else 0.0
 
 
 def _bounds_of(
     planes: Sequence[DetectedPlane], settings: PerceptionSettings
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
     """What `readings_before` needs of planes: normals, offsets and margins (n, 6), the half-planes
-    of their outlines (m, 4) as `DetectedPlane.outline_cones` has them, and where those of each
+    of their hulls (m, 4) as `DetectedPlane.hull_cones` has them, and where those of each
     plane begin (n + 1,)."""
-    cones = [np.zeros((0, 4)), *(plane.outline_cones for plane in planes)]
+    cones = [np.zeros((0, 4)), *(plane.hull_cones for plane in planes)]
     starts = np.cumsum([0, *(len(cone) for cone in cones[1:])])
     numbers = [
         [*plane.numbers, settings.plane_sigmas**2, settings.plane_tolerance**2] for plane in planes
@@ -270,16 +272,13 @@ def readings_before(
     and the number of readings in range.
 
     A reading lies before a plane where its distance exceeds the margin at its own range: the margin
-    grows with range, and the distance falls. A ray is in a plane's outline where it is in the
+    grows with range, and the distance falls. A ray is in a plane's hull where it is in the
     half-space of each of its sides.
 
-    Parameters
-    ----------
-    points : (n, 3) float32 m, may hold NaN
-    planes : (m, 6) float32, normal, offset in m, squared `plane_sigmas`, squared tolerance in m²
-    cones : (k, 4) float32, normals and bounds of half-spaces of unit directions
-    starts : (m + 1,) where each plane's cones begin
-    limits : (5,) float32, as in `ForegroundFinder`
+    `points` (n, 3) float32 m, may hold NaN; `planes` (m, 6) float32, normal, offset in m, squared
+    `plane_sigmas`, squared tolerance in m²; `cones` (k, 4) float32, normals and bounds of
+    half-spaces of unit directions; `starts` (m + 1,) where each plane's cones begin; `limits` (5,)
+    float32, as in `ForegroundFinder`.
     """
     size = 256
     kept = np.empty(points.shape[0], dtype=np.int64)
@@ -332,12 +331,10 @@ def free_ranges(
     """Range up to which a reading along each ray lies off and before all planes, (n,) m.
 
     The reading at range ρ of a ray that meets a plane at an angle of cosine c, inside the plane's
-    outline, lies before it when its distance exceeds √((s σ(ρ) c)² + t²): s deviations of the noise
+    hull, lies before it when its distance exceeds √((s σ(ρ) c)² + t²): s deviations of the noise
     and the unevenness t.
 
-    Parameters
-    ----------
-    directions : (n, 3) of any length, from the sensor
+    `directions` (n, 3) of any length, from the sensor.
     """
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     free = np.full(len(unit), settings.max_range, dtype=np.float32)
@@ -345,7 +342,7 @@ def free_ranges(
         cosine = -(unit @ plane.normal.astype(unit.dtype))
         meets = np.flatnonzero(cosine > 1e-6)
         cosine = cosine[meets]
-        inside = plane.outlines(unit[meets] * (-plane.offset / cosine)[:, None])
+        inside = plane.in_hull(unit[meets] * (-plane.offset / cosine)[:, None])
         meets, cosine = meets[inside], cosine[inside]
         begins = -plane.offset / cosine
         # A contraction: what the noise lets pass grows far slower with range than the distance.
@@ -360,10 +357,7 @@ def free_ranges(
 def changed_ranges(before: NDArray[np.float32], noise: RangeNoise) -> NDArray[np.float32]:
     """Squared range (height, width) m² below which a reading differs from the one before.
 
-    Parameters
-    ----------
-    before : (height, width) m, NaN where nothing was read: any reading differs from that
-    noise : of the readings
+    `before` (height, width) m, NaN where nothing was read: any reading differs from that.
     """
     nearest = before - CHANGE_SIGMAS * np.sqrt(2.0) * noise.deviation(before)
     changes = np.square(np.maximum(nearest, 0.0))
@@ -392,19 +386,13 @@ def _foreground(points: Any, free: Any, changes: Any, limits: Any) -> tuple[Any,
     return mask, readings
 
 
-def neighbour_labels(
-    points: NDArray[np.float64], gap: float, cells_per_gap: float
-) -> NDArray[np.int64]:
+def neighbour_labels(points: NDArray[np.float64], gap: float) -> NDArray[np.int64]:
     """Label (n,) points that hang together by neighbours nearer than `gap` times their range.
 
     The map to direction and logarithm of range keeps shapes and divides lengths by the range, so
     one distance in it stands for a gap that grows with range as the spacing of readings does.
 
-    Parameters
-    ----------
-    points : (n, 3) m, the sensor at the origin
-    gap : rad
-    cells_per_gap : cells along a gap, of which each is represented by one of its points
+    `points` (n, 3) m, the sensor at the origin; `gap` in rad.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -415,7 +403,7 @@ def neighbour_labels(
     ranges = np.linalg.norm(points, axis=1)
     mapped = np.column_stack([points / ranges[:, None], np.log(ranges)])
     # Where readings are denser than needed one of them stands for its cell.
-    cells = np.floor(mapped * min(cells_per_gap / gap, FINEST_CELLS)).astype(np.int64)
+    cells = np.floor(mapped * min(CELLS_PER_GAP / gap, FINEST_CELLS)).astype(np.int64)
     cells -= cells.min(axis=0)
     # One number for each cell, which sorts far faster than four.
     keys = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
@@ -434,19 +422,11 @@ def grid_clusters(
 ) -> tuple[Any, Any]:
     """Connect neighbouring pixels of one mark whose range does not jump; 8-connected.
 
-    Parameters
-    ----------
-    points : (height, width, 3) float32 m
-    mask : (height, width) uint8, nonzero in the foreground, there KNOWN or NEW
-    limits : (5,) float32, squares of range and noise parameters as in `ForegroundFinder`
-    constant : m, difference of range that is a jump
-    sigmas : standard deviations of the range that are added to it
-    min_points : points of a cluster at least
-
-    Returns
-    -------
-    order : (n,) indices of pixels, those of one cluster together
-    starts : (n_clusters + 1,) where each cluster starts in `order`
+    `points` (height, width, 3) float32 m; `mask` (height, width) uint8, nonzero in the foreground,
+    there KNOWN or NEW; `limits` (5,) float32, squares of range and noise parameters as in
+    `ForegroundFinder`; `constant` in m, difference of range that is a jump; `sigmas`: standard
+    deviations of the range that are added to it. Returns `order` (n,) indices of pixels, those of
+    one cluster together; `starts` (n_clusters + 1,) where each cluster starts in `order`.
     """
     height, width = mask.shape
     _, _, constant2, quadratic2, limit2 = limits

@@ -10,21 +10,31 @@ from numpy.typing import NDArray
 
 from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.scene import StaticBox
-from intuitive_physics_perception.detection.box_fit import fit_box
+from intuitive_physics_perception.detection.box_fit import SURFACE_DEVIATION, fit_box
 from intuitive_physics_perception.detection.capsule_fit import fit_capsule
-from intuitive_physics_perception.detection.cluster_memory import ClusterMemory
+from intuitive_physics_perception.detection.cluster_memory import MOVEMENT, ClusterMemory
 from intuitive_physics_perception.detection.detections import (
     DetectedSolid,
+    DetectedSphere,
     Detection,
     without_doubles,
 )
 from intuitive_physics_perception.detection.spheres import ClusterSpheres
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
-from intuitive_physics_perception.input.colors import with_color
 from intuitive_physics_perception.settings import PerceptionSettings
+
+FITTED_POINTS = 500
+"""Points that a box or capsule is fitted to."""
+
+SPHERES_LEAVE = 0.1
+"""Part of a cluster that spheres may leave unexplained: noise, a shadow's edge, a finger."""
 
 PIXELS_REACH = 1.2
 """Radii from a sphere's centre within which readings may be of it. Set by hand."""
+
+
+COLORED_REACH = 1.15
+"""Radii from a sphere's centre within which a reading of its cluster shows its colour."""
 
 
 class SolidFinder:
@@ -47,37 +57,29 @@ class SolidFinder:
         self._settings = settings
         self._rng = rng
         self._memory: ClusterMemory[DetectedSolid] = ClusterMemory(
-            settings.clusters.movement * settings.min_radius, settings.clusters, model.noise
+            MOVEMENT * settings.min_radius, model.noise
         )
-
-    @property
-    def spheres_leave(self) -> float:
-        """Part of a cluster that spheres may leave unexplained before a solid is looked for."""
-        return self._settings.solids.spheres_leave
 
     def find(
         self, points: NDArray[np.float32], clusters: Sequence[NDArray[np.int64]]
     ) -> list[DetectedSolid | None]:
         """Return the solid of each cluster of a frame, None where there is none.
 
-        Parameters
-        ----------
-        points : (height, width, 3) m, of the frame
-        clusters : each (n,) indices of its points
+        `points` (height, width, 3) m, of the frame; `clusters` (n,) each, indices of its points.
         """
-        found = [self._solid_of(points, cluster) for cluster in clusters]
+        solids = [self._solid_of(points, cluster) for cluster in clusters]
         self._memory.end_frame()
-        return found
+        return solids
 
     def _solid_of(
         self, points: NDArray[np.float32], cluster: NDArray[np.int64]
     ) -> DetectedSolid | None:
         if not self._may_be_whole(points, cluster):
             return None
-        own = points.reshape(-1, 3)[cluster].astype(np.float64)
-        known = self._memory.recall(own)
-        solid = self._solid(own) if known.deserves_a_search else known.found
-        self._memory.keep(known, solid)
+        readings = points.reshape(-1, 3)[cluster].astype(np.float64)
+        remembered = self._memory.recall(readings)
+        solid = self._solid(readings) if remembered.deserves_a_search else remembered.found
+        self._memory.keep(remembered, solid)
         return solid
 
     def _may_be_whole(self, points: NDArray[np.float32], cluster: NDArray[np.int64]) -> bool:
@@ -94,15 +96,14 @@ class SolidFinder:
         extent = np.ptp(points.reshape(-1, 3)[cluster], axis=0)
         return bool(np.linalg.norm(extent) < 2.0 * self._settings.max_solid_size)
 
-    def _solid(self, own: NDArray[np.float64]) -> DetectedSolid | None:
+    def _solid(self, readings: NDArray[np.float64]) -> DetectedSolid | None:
         """The box or the capsule that explains a cluster, whichever does so better."""
-        limits = self._settings.solids
-        total = len(own)
-        if total > limits.fitted_points:
-            own = own[self._rng.choice(total, limits.fitted_points, replace=False)]
-        deviations = self._model.noise.deviation(np.linalg.norm(own, axis=1))
-        capsule = fit_capsule(own, deviations, self._model.noise.lateral, limits)
-        box = fit_box(own, deviations, self._model.detected, limits, self._rng)
+        total = len(readings)
+        if total > FITTED_POINTS:
+            readings = readings[self._rng.choice(total, FITTED_POINTS, replace=False)]
+        deviations = self._model.noise.deviation(np.linalg.norm(readings, axis=1))
+        capsule = fit_capsule(readings, deviations, self._model.noise.lateral)
+        box = fit_box(readings, deviations, self._model.detected, self._rng)
         fits = [
             fit
             for fit in (capsule, box)
@@ -116,9 +117,9 @@ class SolidFinder:
             return None
         best = min(fits, key=lambda fit: fit.misfit)
         # Of the readings that share one error the fit took as large a part as of all.
-        doubt = 1.0 + (self._model.noise.correlated - 1.0) * len(own) / total
+        doubt = 1.0 + (self._model.noise.correlated - 1.0) * len(readings) / total
         # An uneven surface is uneven in the same way in every frame.
-        return best.doubted(doubt, total, limits.surface_deviation)
+        return best.doubted(doubt, total, SURFACE_DEVIATION)
 
     def _is_static(self, fit: DetectedSolid) -> bool:
         """Whether its centre lies in a static box of the environment."""
@@ -156,7 +157,7 @@ class SeenObject:
 
 def all_objects(
     points: NDArray[np.float32],
-    found: Sequence[ClusterSpheres],
+    spheres_by_cluster: Sequence[ClusterSpheres],
     solids: SolidFinder | None,
     colors: NDArray[np.uint8] | None = None,
 ) -> list[SeenObject]:
@@ -165,41 +166,51 @@ def all_objects(
     One solid that explains a whole cluster is likelier than a sphere that explains a part of it:
     the near end of a capsule is one.
 
-    Parameters
-    ----------
-    found : the spheres of each cluster
-    solids : finds boxes and capsules; None to leave them out
-    colors : (height, width, 3) of the points, where they are known
+    `solids`: finds boxes and capsules; None to leave them out; `colors` (height, width, 3) of the
+    points, where they are known.
     """
-    unexplained = [part for part in found if part.rest > solids.spheres_leave] if solids else []
+    unexplained = (
+        [part for part in spheres_by_cluster if part.rest > SPHERES_LEAVE] if solids else []
+    )
     by_cluster = solids.find(points, [part.cluster for part in unexplained]) if solids else []
     whole = [
         SeenObject(solid, part.cluster)
         for part, solid in zip(unexplained, by_cluster, strict=True)
         if solid is not None
     ]
-    replaced = {id(seen.cluster) for seen in whole}
+    replaced = {id(objects.cluster) for objects in whole}
     clusters = {
         id(sphere): part.cluster
-        for part in found
+        for part in spheres_by_cluster
         if id(part.cluster) not in replaced
         for sphere in part.spheres
     }
-    spheres = [sphere for part in found for sphere in part.spheres if id(sphere) in clusters]
-    seen = [SeenObject(one, clusters[id(one)]) for one in without_doubles(spheres)] + whole
+    spheres = [
+        sphere for part in spheres_by_cluster for sphere in part.spheres if id(sphere) in clusters
+    ]
+    objects = [SeenObject(item, clusters[id(item)]) for item in without_doubles(spheres)] + whole
     if colors is None:
-        return seen
+        return objects
     return [
-        replace(one, detection=_colored(one.detection, one.cluster, points, colors)) for one in seen
+        replace(item, detection=with_color(item.detection, item.cluster, points, colors))
+        for item in objects
     ]
 
 
-def _colored(
+def with_color(
     detection: Detection,
     cluster: NDArray[np.int64],
     points: NDArray[np.float32],
     colors: NDArray[np.uint8],
 ) -> Detection:
+    """Return a detection with the mean colour of the readings of its cluster on it.
+
+    `cluster` (n,) indices into `points` (height, width, 3) m and `colors` (height, width, 3).
+    """
     # Colours may be a view of a message, so only those asked for are copied.
     rows, columns = np.divmod(cluster, points.shape[1])
-    return with_color(detection, points[rows, columns], colors[rows, columns])
+    chosen = colors[rows, columns]
+    if isinstance(detection, DetectedSphere):
+        away = np.linalg.norm(points[rows, columns] - detection.center, axis=1)
+        chosen = chosen[away < COLORED_REACH * detection.radius]
+    return replace(detection, color=chosen.mean(axis=0) / 255.0) if len(chosen) else detection

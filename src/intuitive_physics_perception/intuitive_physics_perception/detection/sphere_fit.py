@@ -11,11 +11,14 @@ point off the surface by δ² / 2 r to second order, always outwards: that bias 
 from __future__ import annotations
 
 from math import sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from intuitive_physics.kernels import allocating_entry, allocating_kernel, inlined
+
+INLIER_SIGMAS = 3.0
+"""Standard deviations from the surface within which a reading is on it."""
 
 BEHIND_SIGMAS = 3.0
 """Standard deviations behind a sphere's centre from which on a reading is not on its near side."""
@@ -43,6 +46,25 @@ SURFACE_VARIANCE = 1e-8
 """Variance of the surface in m²: keeps residuals finite where the noise vanishes, numerical."""
 
 
+class SphereSolution(NamedTuple):
+    """A sphere fitted to readings.
+
+    Parameters
+    ----------
+    sphere : (4,) centre and radius, m
+    covariance : (4, 4) m², the part of the noise
+    shift : (4,) m, by which a growth of the edges by one standard deviation moves the fit
+    misfit : mean squared residual in variances, about one for a sphere
+    inliers : number of points that took part; zero where the fit failed
+    """
+
+    sphere: Any
+    covariance: Any
+    shift: Any
+    misfit: float
+    inliers: int
+
+
 @inlined
 def surface_error(
     x: float,
@@ -56,13 +78,10 @@ def surface_error(
 ) -> tuple[float, float, float, float, float]:
     """How a reading lies to a sphere.
 
-    Returns
-    -------
-    error : m, distance outside the surface, its bias taken off
-    variance : of that error, m²
-    deviation : of the reading along its ray, m
-    ahead : m the reading lies nearer to the sensor than the sphere's centre, along the ray
-    sine : of the angle at which the ray meets the sphere, above one where it misses
+    Returns `error` m, distance outside the surface, its bias taken off; `variance` of that error,
+    m²; `deviation` of the reading along its ray, m; `ahead` m the reading lies nearer to the sensor
+    than the sphere's centre, along the ray; `sine` of the angle at which the ray meets the sphere,
+    above one where it misses.
     """
     range2 = x * x + y * y + z * z
     distance = sqrt(range2)
@@ -90,17 +109,16 @@ def refine_sphere(
     start: Any,
     min_radius: float,
     max_radius: float,
-    sigmas: float,
     noise: Any,
     sharing: float,
     growth: float,
-) -> tuple[Any, Any, Any, float, int]:
+) -> SphereSolution:
     """Fit (x, y, z, r) by Gauss-Newton over the inliers, whose gate narrows step by step.
 
     Edges grow or shrink in the image: a ray that passes the sphere of radius r at the distance l
     within g l of its outline may have a reading of it (g > 0), one that meets it there none (g <
     0). The angle g is a fifth unknown of mean zero and standard deviation `growth`. It is the same
-    in all frames, so what it does to the fit is told apart: the normal equations A with the prior's
+    in all frames, so what it does to the fit is kept apart: the normal equations A with the prior's
     1 / growth² in the last place, e = (0, 0, 0, 0, 1), have the error A⁻¹ (Σ w J ε - e g /
     growth²), of which the first part is the noise's and the second one the growth's.
 
@@ -108,20 +126,9 @@ def refine_sphere(
     and have about the same row J add as much to the normal equations as one reading whose error has
     the variance σ² + n σₐ².
 
-    Parameters
-    ----------
-    points : (n, 3), those on the sphere among them
-    beyond : (m, 3), readings of `readings_beyond`, whose rays must miss the sphere
-    sharing : n, other readings among the points that share one's error along the ray
-    growth : rad, standard deviation of the growth of edges
-
-    Returns
-    -------
-    sphere : (4,)
-    covariance : (4, 4) of the noise's part
-    shift : (4,), by which a growth of one standard deviation moves the fit
-    misfit : mean squared residual in variances, about one for a sphere
-    inliers : how many points took part; zero where the fit failed
+    `points` (n, 3), those on the sphere among them; `beyond` (m, 3), readings of `readings_beyond`,
+    whose rays must miss the sphere; `sharing`: n, other readings among the points that share one's
+    error along the ray; `growth` in rad, standard deviation of the growth of edges.
     """
     fitted = np.zeros(UNKNOWNS)
     fitted[:4] = start
@@ -131,7 +138,7 @@ def refine_sphere(
     right = np.empty(UNKNOWNS)
     misfit, inliers = 0.0, 0
     for step in range(MAX_STEPS):
-        gate = sigmas * GATES[min(step, len(GATES) - 1)]
+        gate = INLIER_SIGMAS * GATES[min(step, len(GATES) - 1)]
         # What lies nearer to the outline may have grown: it shows where that is, not the surface.
         away = sqrt(fitted[0] ** 2 + fitted[1] ** 2 + fitted[2] ** 2)
         rim = 1.0 - RIM_SIGMAS * growth * away / fitted[3]
@@ -142,7 +149,7 @@ def refine_sphere(
         total, inliers = _add_surface(normal, right, points, fitted, rim, gate, noise, sharing)
         _add_outline(normal, right, points, beyond, fitted, rim, gate, noise)
         if inliers < 5 or not _inverted(normal, inverse):
-            return fitted[:4].copy(), inverse[:4, :4].copy(), np.zeros(4), np.inf, 0
+            return SphereSolution(fitted[:4].copy(), inverse[:4, :4].copy(), np.zeros(4), np.inf, 0)
         misfit = total / (inliers - 4)
         move = 0.0
         for a in range(UNKNOWNS):
@@ -158,7 +165,7 @@ def refine_sphere(
             break
     shift = -inverse[:4, 4] * sqrt(prior)
     covariance = inverse[:4, :4] - np.outer(shift, shift)
-    return fitted[:4].copy(), covariance, shift, misfit, inliers
+    return SphereSolution(fitted[:4].copy(), covariance, shift, misfit, inliers)
 
 
 @allocating_kernel
@@ -253,12 +260,7 @@ def _add_equation(normal: Any, right: Any, row: Any, error: float, weight: float
 
 @allocating_entry
 def readings_beyond(points: Any, sphere: Any, noise: Any) -> Any:
-    """Readings (m, 3) of (n, 3) clearly behind a sphere's centre whose rays pass near its outline.
-
-    Parameters
-    ----------
-    points : may hold NaN
-    """
+    """Return those (m, 3) of `points` (n, 3) clearly behind a sphere with rays near its outline."""
     cx, cy, cz, r = sphere[0], sphere[1], sphere[2], sphere[3]
     kept = np.empty((points.shape[0], 3))
     count = 0

@@ -18,9 +18,26 @@ from numpy.typing import NDArray
 from intuitive_physics.kernels import allocating_entry, allocating_kernel
 from intuitive_physics_perception.detection.cluster_view import ClusterView
 from intuitive_physics_perception.detection.fitted_sphere import Part, SphereFitter
-from intuitive_physics_perception.detection.sphere_fit import BEHIND_SIGMAS, surface_error
+from intuitive_physics_perception.detection.sphere_fit import (
+    BEHIND_SIGMAS,
+    INLIER_SIGMAS,
+    surface_error,
+)
 from intuitive_physics_perception.detection.sphere_inspection import inspect_sphere
 from intuitive_physics_perception.settings import PerceptionSettings
+
+SCORED_POINTS = 512
+"""Points that hypotheses are scored on."""
+
+REFINED_HYPOTHESES = 8
+"""Random hypotheses that are fitted at most: those that several touching spheres make together have
+the best scores."""
+
+SPHERES_IN_CLUSTER = 5
+"""Spheres in one cluster at most."""
+
+ROUGHLY_ON = 0.6
+"""Part of the readings in its outline that must lie on a hypothesis for it to be fitted."""
 
 ALIKE = 0.2
 """Difference of centres and radii, in radii, of hypotheses of which only one is fitted: the widest
@@ -67,7 +84,6 @@ class SphereHypotheses:
     Parameters
     ----------
     fitter : makes spheres of them
-    settings : tuned numbers
     rng : decides which random ones are tried
     """
 
@@ -76,13 +92,12 @@ class SphereHypotheses:
     ) -> None:
         self._fitter = fitter
         self._settings = settings
-        self._search = settings.spheres
         self._rng = rng
 
     def of_cluster(
         self,
         view: ClusterView,
-        own: NDArray[np.float64],
+        readings: NDArray[np.float64],
         expected: Sequence[NDArray[np.float64]],
         effort: Effort,
     ) -> Iterator[tuple[Part, NDArray[np.float64], bool]]:
@@ -93,44 +108,38 @@ class SphereHypotheses:
         several objects that touch, the one that the outline suggests, those of known radius, and
         the best random ones.
 
-        Parameters
-        ----------
-        view : the cluster
-        own : (n, 3) m, its points
-        expected : (4,) each, centre and radius in m
-        effort : how many of these are looked at
+        `readings` (n, 3) m, its points; `expected` (4,) each, centre and radius in m.
         """
         for sphere in expected:
-            yield self._fitter.part_near(own, sphere), sphere, False
+            yield self._fitter.part_near(readings, sphere), sphere, False
         if effort is Effort.EXPECTED:
             return
         inscribed = self._inscribed(view)
         if len(inscribed) > 1:
             for sphere in inscribed:
-                yield self._fitter.part_near(own, sphere), sphere, True
-        whole = self._fitter.part(own)
+                yield self._fitter.part_near(readings, sphere), sphere, True
+        whole = self._fitter.part(readings)
         yield whole, outline_sphere(whole.points), False
         for sphere in spheres_of_radius(whole.points, self._fitter.known_radii):
             yield whole, sphere, False
         if effort is Effort.OUTLINE:
             return
         limits = self._settings.min_radius, self._settings.max_radius
-        scored = self._fitter.some(whole.points, self._search.scored_points)
+        scored = self._fitter.some(whole.points, SCORED_POINTS)
         spheres, scores = ransac_spheres(
             scored,
             limits,
-            self._search.inlier_sigmas,
             self._fitter.noise,
             self._settings.hypotheses,
             self._rng,
         )
         # A sphere with enough points has a share of those scored; half allows for a rough start.
-        needed = 0.5 * self._settings.min_points * len(scored) / len(own)
+        needed = 0.5 * self._settings.min_points * len(scored) / len(readings)
         tried: list[NDArray[np.float64]] = []
         # In single precision, as a frame's points are: `inspect_sphere` is compiled for these.
         single = scored.astype(np.float32)
         for sphere, score in zip(spheres, scores, strict=True):
-            if score <= needed or len(tried) >= self._search.refined_hypotheses:
+            if score <= needed or len(tried) >= REFINED_HYPOTHESES:
                 return
             if any(_are_alike(sphere, other) for other in tried):
                 continue
@@ -141,23 +150,18 @@ class SphereHypotheses:
     def _inscribed(self, view: ClusterView) -> list[NDArray[np.float64]]:
         if not view.is_organised:
             return []
-        most = self._search.spheres_in_cluster
-        return inscribed_spheres(view.points, view.cluster, view.pixel, most)
+        return inscribed_spheres(view.points, view.cluster, view.pixel)
 
     def _explains(self, points: NDArray[np.float32], sphere: NDArray[np.float64]) -> bool:
         """Cheap inlier test before refinement: are most points in the outline on the sphere?"""
-        on, against, _, _ = inspect_sphere(
-            points, sphere, self._search.inlier_sigmas, self._fitter.noise
-        )
-        return on > self._search.roughly_on * (on + against)
+        view = inspect_sphere(points, sphere, self._fitter.noise)
+        return view.on > ROUGHLY_ON * (view.on + view.against)
 
 
 def outline_sphere(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (x, y, z, r) of the sphere whose outline and nearest point the cluster has.
 
-    Parameters
-    ----------
-    points : (n, 3) m, of the cluster
+    `points` (n, 3) m, of the cluster.
     """
     ranges = np.linalg.norm(points, axis=1)
     directions = points / ranges[:, None]
@@ -170,19 +174,15 @@ def outline_sphere(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def inscribed_spheres(
-    points: NDArray[np.float32], cluster: NDArray[np.int64], pixel: float, most: int
+    points: NDArray[np.float32], cluster: NDArray[np.int64], pixel: float
 ) -> list[NDArray[np.float64]]:
     """Return spheres (x, y, z, r) whose outlines are circles inside the outline of a cluster.
 
     The largest circle comes first, then the largest with its centre outside of it, and so on:
     objects that touch make an outline that holds a circle for each.
 
-    Parameters
-    ----------
-    points : (height, width, 3) m, of an organised frame
-    cluster : (n,) indices of the cluster's points
-    pixel : angle between neighbouring pixels, rad
-    most : spheres at most
+    `points` (height, width, 3) m, of an organised frame; `cluster` (n,) indices of the cluster's
+    points.
     """
     from scipy.ndimage import binary_fill_holes, distance_transform_edt
 
@@ -191,11 +191,11 @@ def inscribed_spheres(
     mask = np.zeros((rows.max() - top + 2, columns.max() - left + 2), dtype=bool)
     mask[rows - top, columns - left] = True
     depth = distance_transform_edt(binary_fill_holes(mask))[rows - top, columns - left]
-    own = points.reshape(-1, 3)[cluster].astype(np.float64)
-    ranges = np.linalg.norm(own, axis=1)
+    readings = points.reshape(-1, 3)[cluster].astype(np.float64)
+    ranges = np.linalg.norm(readings, axis=1)
     spheres: list[NDArray[np.float64]] = []
     free, largest = np.ones(len(cluster), dtype=bool), float(depth.max())
-    while len(spheres) < most and free.any():
+    while len(spheres) < SPHERES_IN_CLUSTER and free.any():
         middle = int(np.argmax(np.where(free, depth, -1.0)))
         circle = float(depth[middle])
         if circle < max(SMALLEST_CIRCLE * largest, FEWEST_PIXELS):
@@ -206,7 +206,7 @@ def inscribed_spheres(
         nearest = float(np.quantile(ranges[inside], NEAREST_QUANTILE))
         # The distance to the first pixel outside is half a pixel too long.
         spheres.append(
-            _sphere(own[middle] / ranges[middle], np.sin((circle - 0.5) * pixel), nearest)
+            _sphere(readings[middle] / ranges[middle], np.sin((circle - 0.5) * pixel), nearest)
         )
     return spheres
 
@@ -222,7 +222,6 @@ def _sphere(axis: NDArray[np.float64], sine: float, nearest: float) -> NDArray[n
 def ransac_spheres(
     points: NDArray[np.float64],
     limits: tuple[float, float],
-    sigmas: float,
     noise: NDArray[np.float64],
     most: int,
     rng: np.random.Generator,
@@ -232,20 +231,14 @@ def ransac_spheres(
     Hypotheses come in batches until the best one's share w of the points says that four of its
     points have been drawn: (1 - w⁴)ⁿ < `MISSED` (Fischler, Bolles 1981).
 
-    Parameters
-    ----------
-    points : (n, 3) m
-    limits : smallest and largest radius, m
-    sigmas : standard deviations within which a point counts
-    noise : (4,) of `RangeNoise`, as in `sphere_fit`
-    most : hypotheses at most
+    `points` (n, 3) m; `noise` (4,) of `RangeNoise`, as in `sphere_fit`.
     """
     spheres, scores = [np.empty((0, 4))], [np.empty(0)]
     tried, best = 0, 0.0
     while tried < _enough(best / len(points), most):
         draws = rng.random((BATCH, 2 + 3 * NEIGHBOUR_DRAWS))
         spheres.append(random_spheres(points, draws, *limits))
-        scores.append(score_spheres(points, spheres[-1], sigmas, noise))
+        scores.append(score_spheres(points, spheres[-1], noise))
         best = max(best, float(scores[-1].max(initial=0.0)))
         tried += BATCH
     order = np.argsort(-np.concatenate(scores), kind="stable")
@@ -267,10 +260,7 @@ def spheres_of_radius(
 ) -> list[NDArray[np.float64]]:
     """Return (x, y, z, r) for each of some radii: as far behind the nearest points as r says.
 
-    Parameters
-    ----------
-    points : (n, 3) m, of the cluster
-    radii : m
+    `points` (n, 3) m, of the cluster; `radii` in m.
     """
     ranges = np.linalg.norm(points, axis=1)
     near = points[ranges <= np.quantile(ranges, 0.2)].mean(axis=0)
@@ -279,7 +269,7 @@ def spheres_of_radius(
 
 
 @allocating_entry
-def score_spheres(points: Any, spheres: Any, sigmas: float, noise: Any) -> Any:
+def score_spheres(points: Any, spheres: Any, noise: Any) -> Any:
     """MSAC score of each sphere (n, 4): what its inliers lie nearer than the tolerance, in its
     squares; the larger the better."""
     scores = np.zeros(spheres.shape[0])
@@ -290,18 +280,16 @@ def score_spheres(points: Any, spheres: Any, sigmas: float, noise: Any) -> Any:
                 points[i, 0], points[i, 1], points[i, 2], cx, cy, cz, r, noise
             )
             if ahead > -BEHIND_SIGMAS * deviation:
-                scores[k] += max(1.0 - error * error / (sigmas * sigmas * variance), 0.0)
+                scores[k] += max(1.0 - error * error / (INLIER_SIGMAS**2 * variance), 0.0)
     return scores
 
 
 @allocating_entry
 def random_spheres(points: Any, draws: Any, min_radius: float, max_radius: float) -> Any:
-    """Spheres (m, 4) through four points each, m ≤ n: those of a possible size and bulging
-    towards the sensor.
+    """Spheres (m, 4) through four points each, m ≤ n: those of a possible size and bulging towards
+    the sensor.
 
-    Parameters
-    ----------
-    draws : (n, 2 + 3 NEIGHBOUR_DRAWS) uniform in [0, 1): first point, scale, and neighbours
+    `draws` (n, 2 + 3 NEIGHBOUR_DRAWS) uniform in [0, 1): first point, scale, and neighbours.
     """
     n = points.shape[0]
     spheres = np.empty((draws.shape[0], 4))

@@ -6,12 +6,16 @@ Lengths in m, the sensor at the origin; `noise` as in `sphere_fit`.
 from __future__ import annotations
 
 from math import atan2, pi, sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from intuitive_physics.kernels import allocating_entry, allocating_kernel, kernel
-from intuitive_physics_perception.detection.sphere_fit import BEHIND_SIGMAS, surface_error
+from intuitive_physics_perception.detection.sphere_fit import (
+    BEHIND_SIGMAS,
+    INLIER_SIGMAS,
+    surface_error,
+)
 from intuitive_physics_perception.environment.noise import CHANGE_SIGMAS
 
 LATTICE = 0.15
@@ -47,27 +51,55 @@ STEEPEST_SLOPE = 1.7320508
 read."""
 
 
+class SphereView(NamedTuple):
+    """Readings in the outline of a sphere.
+
+    Parameters
+    ----------
+    on : number of readings on the surface
+    against : number of readings that contradict it
+    visible : part of the outline's disc that has a reading on the surface within LATTICE radii.
+        Two scan lines of a LiDAR, which fit a sphere on anything round, make at most 0.4
+    density : part of the disc between readings on the surface that has any reading so near. Two
+        scan lines make at most 0.7; a sphere cut off by the image's edge makes one
+    """
+
+    on: int
+    against: int
+    visible: float
+    density: float
+
+
+class OutlineView(NamedTuple):
+    """The ring outside a sphere's outline, and its surface against what was read there before.
+
+    Parameters
+    ----------
+    goes_on : part of the ring's sectors in which the cluster goes on past the outline
+    level : part of the ring's sectors in which any surface goes on past the outline, as a plate
+        does round a bulge
+    ends : part of the ring's sectors in which what is read lies behind all that could go on
+    new : part of the readings on the surface that are nearer than what was read there before, or
+        where nothing was
+    patches : (n_patches, 3) number of readings on the surface, mean of their distance outside it,
+        m, and mean variance of that distance, m², by patch of the disc
+    """
+
+    goes_on: float
+    level: float
+    ends: float
+    new: float
+    patches: Any
+
+
 @allocating_entry
-def inspect_sphere(
-    points: Any, sphere: Any, sigmas: float, noise: Any
-) -> tuple[int, int, float, float]:
+def inspect_sphere(points: Any, sphere: Any, noise: Any) -> SphereView:
     """Judge a sphere by every reading in its outline, whatever cluster it belongs to.
 
     What lies well before the sphere hides it and says nothing. What lies behind its surface could
     not have been seen through it; what lies close before it is a part of something larger.
 
-    Parameters
-    ----------
-    points : (n, 3), may hold NaN
-
-    Returns
-    -------
-    on : readings on the surface
-    against : readings that contradict it
-    visible : part of the outline's disc that has a reading on the surface within LATTICE radii.
-        Two scan lines of a LiDAR, which fit a sphere on anything round, make at most 0.4
-    density : part of the disc between readings on the surface that has any reading so near. Two
-        scan lines make at most 0.7; a sphere cut off by the image's edge makes one
+    `points` (n, 3), may hold NaN.
     """
     cx, cy, cz, r = sphere[0], sphere[1], sphere[2], sphere[3]
     across, upwards = line_of_sight_axes(sphere)
@@ -87,7 +119,7 @@ def inspect_sphere(
         a = (x * across[0] + y * across[1] + z * across[2]) * scale
         b = (x * upwards[0] + y * upwards[1] + z * upwards[2]) * scale
         _mark(read, a, b)
-        if error * error < sigmas * sigmas * variance and ahead > -BEHIND_SIGMAS * deviation:
+        if error * error < INLIER_SIGMAS**2 * variance and ahead > -BEHIND_SIGMAS * deviation:
             on += 1
             _mark(seen, a, b)
         elif sine < EDGE_PART:
@@ -95,7 +127,7 @@ def inspect_sphere(
             if before < max(BEHIND_SIGMAS * deviation, OCCLUDER_DEPTH * r):
                 against += 1
     visible, density = _marked_parts(seen, read)
-    return on, against, visible, density
+    return SphereView(on, against, visible, density)
 
 
 @allocating_kernel
@@ -140,8 +172,8 @@ def _marked_parts(seen: Any, read: Any) -> tuple[float, float]:
 
 @allocating_entry
 def look_round_outline(
-    points: Any, own: Any, before: Any, sphere: Any, pixel: float, sigmas: float, noise: Any
-) -> tuple[float, float, float, float, Any]:
+    points: Any, own: Any, before: Any, sphere: Any, pixel: float, noise: Any
+) -> OutlineView:
     """Judge the ring outside a sphere's outline, and whether its surface is new.
 
     A free sphere ends at its outline: just outside, the sensor sees something else, or nothing. A
@@ -149,25 +181,9 @@ def look_round_outline(
     Such a surface that leaves the outline backwards at the steepest angle that is still read lies,
     s radii across the line of sight, (s - 1) tan(angle) radii behind the outline, and no more.
 
-    Parameters
-    ----------
-    points : (n, 3) readings about the sphere, may hold NaN
-    own : (n,) nonzero where a reading belongs to the cluster in which the sphere was found
-    before : (n,) m, range read there when the environment was modelled, NaN where it is unknown
-    sphere : (4,)
-    pixel : angle between neighbouring pixels, rad
-    sigmas : standard deviations from the surface within which a reading is on it
-
-    Returns
-    -------
-    goes_on : part of the ring's sectors in which the cluster goes on past the outline
-    level : part of the ring's sectors in which any surface goes on past the outline, as a plate
-        does round a bulge
-    ends : part of the ring's sectors in which what is read lies behind all that could go on
-    new : part of the readings on the surface that are nearer than what was read there before, or
-        where nothing was
-    patches : (n_patches, 3) readings on the surface, mean of their distance outside it, m, and mean
-        variance of that distance, m², by patch of the disc
+    `points` (n, 3) readings about the sphere, may hold NaN; `own` (n,) nonzero where a reading
+    belongs to the cluster in which the sphere was found; `before` (n,) m, range read there when the
+    environment was modelled, NaN where it is unknown; `sphere` (4,).
     """
     cx, cy, cz, r = sphere[0], sphere[1], sphere[2], sphere[3]
     across, upwards = line_of_sight_axes(sphere)
@@ -192,7 +208,7 @@ def look_round_outline(
         b = x * upwards[0] + y * upwards[1] + z * upwards[2]
         sector = int((atan2(b, a) + pi) / (2.0 * pi) * SECTORS) % SECTORS
         if sine <= 1.0:
-            if error * error > sigmas * sigmas * variance or ahead < -BEHIND_SIGMAS * deviation:
+            if error * error > INLIER_SIGMAS**2 * variance or ahead < -BEHIND_SIGMAS * deviation:
                 continue
             on_surface += 1
             change = before[i] - sqrt(x * x + y * y + z * z)
@@ -217,4 +233,6 @@ def look_round_outline(
         ends += 2 * near[k] <= total[k] and total[k] > 0
     for k in range(patches.shape[0]):
         patches[k, 1:] /= max(patches[k, 0], 1.0)
-    return goes_on / SECTORS, level / SECTORS, ends / SECTORS, new / max(on_surface, 1), patches
+    return OutlineView(
+        goes_on / SECTORS, level / SECTORS, ends / SECTORS, new / max(on_surface, 1), patches
+    )

@@ -9,14 +9,39 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_perception.detection.cluster_memory import ClusterMemory, RememberedCluster
+from intuitive_physics_perception.detection.cluster_memory import (
+    MOVEMENT,
+    ClusterMemory,
+    RememberedCluster,
+)
 from intuitive_physics_perception.detection.cluster_view import ClusterView, passing
 from intuitive_physics_perception.detection.detections import DetectedSphere
-from intuitive_physics_perception.detection.fitted_sphere import EXPECTED_REACH, SphereFitter
+from intuitive_physics_perception.detection.fitted_sphere import (
+    EXPECTED_REACH,
+    NEW_GOES_ON,
+    STRAY_SIGMAS,
+    SphereFitter,
+)
 from intuitive_physics_perception.detection.foreground import Clusters
-from intuitive_physics_perception.detection.sphere_hypotheses import Effort, SphereHypotheses
+from intuitive_physics_perception.detection.sphere_hypotheses import (
+    SPHERES_IN_CLUSTER,
+    Effort,
+    SphereHypotheses,
+)
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.settings import PerceptionSettings
+
+ROUGHLY_SEEN = 0.5
+"""Part of the smallest visible fraction that a cluster must have for a sphere to be fitted."""
+
+TOUCHING_GOES_ON = 0.2
+"""The same of a sphere that was found inside the outline of a cluster, where the other spheres of
+the cluster do not count: one more ball of its size covers 3 of 16 sectors, the finger that it may
+be the tip of 4 or 5."""
+
+STATIC_SUCCESSES = 0.8
+"""Part of the searches so far in which what was there when the environment was modelled must have
+been found to be a sphere; a ball is one in nearly all of them."""
 
 APART_ROUNDS = 2
 """Rounds in which the spheres of a cluster are fitted again: in the first one, the others were
@@ -63,11 +88,7 @@ class RecentFrames:
     def keep(self, time: float, points: NDArray[np.float32], clusters: Clusters) -> None:
         """Keep a frame.
 
-        Parameters
-        ----------
-        time : s, of its stamp
-        points : (height, width, 3) m
-        clusters : of the frame
+        `time` in s, of its stamp; `points` (height, width, 3) m.
         """
         self._frames.append((time, points, clusters))
         while self._frames[0][0] < time - self._duration:
@@ -80,14 +101,8 @@ class RecentFrames:
     def before(self, time: float) -> tuple[float, NDArray[np.float32], Clusters] | None:
         """Return the newest frame before a time, None where none is kept.
 
-        Parameters
-        ----------
-        time : s
-
-        Returns
-        -------
-        tuple or None
-            Time (s), points (height, width, 3) m, and their clusters.
+        `time` in s. Returns time (s), points (height, width, 3) m, and their
+        clusters.
         """
         earlier = (frame for frame in reversed(self._frames) if frame[0] < time)
         return next(earlier, None)
@@ -114,10 +129,7 @@ class SphereFinder:
     ) -> None:
         self._before = before
         self._settings = settings
-        self._search = settings.spheres
-        self._memory: ClusterMemory[None] = ClusterMemory(
-            settings.clusters.movement * settings.min_radius, settings.clusters, noise
-        )
+        self._memory: ClusterMemory[None] = ClusterMemory(MOVEMENT * settings.min_radius, noise)
         self._lateral = noise.lateral
         self._fitter = SphereFitter(noise, settings, rng, knows_before=before is not None)
         self._hypotheses = SphereHypotheses(self._fitter, settings, rng)
@@ -132,41 +144,39 @@ class SphereFinder:
         """Return the spheres by cluster of a frame of points (height, width, 3), in the sensor's
         frame.
 
-        Parameters
-        ----------
-        searches : clusters that are searched at random when neither expectation nor outline
-            suggests a sphere: what is new first, then what has waited longest, then the smallest;
-            the others wait for the next frame. None searches all
-        expected : spheres (4,) m that are followed, where they should be
+        `searches`: clusters that are searched at random when neither expectation nor outline
+        suggests a sphere: what is new first, then what has waited longest, then the smallest; the
+        others wait for the next frame. None searches all; `expected` (4,) m, spheres that are
+        followed, where they should be.
         """
-        found = []
+        results = []
         left = len(clusters.indices) if searches is None else searches
-        parts = [points.reshape(-1, 3)[one].astype(np.float64) for one in clusters.indices]
-        remembered = [self._memory.recall(own) for own in parts]
+        parts = [points.reshape(-1, 3)[indices].astype(np.float64) for indices in clusters.indices]
+        remembered = [self._memory.recall(readings) for readings in parts]
         # What flickers is another cluster in each frame, and must not keep the others waiting.
         order = sorted(
             range(len(parts)),
             key=lambda k: (not clusters.new[k], -remembered[k].waited, len(parts[k])),
         )
         for k in order:
-            cluster, own, known = clusters.indices[k], parts[k], remembered[k]
-            here = [sphere for sphere in expected if _reaches(sphere, own)]
-            effort = self._effort(known.deserves_a_search, left)
-            inside = self._spheres_in(points, cluster, own, here, effort)
+            cluster, readings, memory = clusters.indices[k], parts[k], remembered[k]
+            nearby = [sphere for sphere in expected if _reaches(sphere, readings)]
+            effort = self._effort(memory.deserves_a_search, left)
+            inside = self._spheres_in(points, cluster, readings, nearby, effort)
             if inside.spheres or effort is Effort.RANDOM:
-                known = known.after_search(success=bool(inside.spheres))
+                memory = memory.after_search(success=bool(inside.spheres))
             if inside.spheres:
-                self._memory.keep(known, None)
-                if not clusters.new[k] and not self._is_trusted(known):
+                self._memory.keep(memory, None)
+                if not clusters.new[k] and not self._is_trusted(memory):
                     inside = ClusterSpheres(cluster, [], 1.0)
-            elif effort is Effort.RANDOM or not known.deserves_a_search:
-                self._memory.keep(known, None)
+            elif effort is Effort.RANDOM or not memory.deserves_a_search:
+                self._memory.keep(memory, None)
                 left -= effort is Effort.RANDOM
             else:
-                self._memory.postpone(known)
-            found.append(inside)
+                self._memory.postpone(memory)
+            results.append(inside)
         self._memory.end_frame()
-        return found
+        return results
 
     def find_expected(
         self, points: NDArray[np.float32], clusters: Clusters, sphere: NDArray[np.float64]
@@ -174,29 +184,25 @@ class SphereFinder:
         """Return the sphere in what is new in a frame of points (height, width, 3) that should be
         where one is expected, whatever it touches; None where none is.
 
-        Parameters
-        ----------
-        points : m, in the sensor's frame
-        clusters : of the frame
-        sphere : (4,) m, centre and radius
+        `points` in m, in the sensor's frame; `sphere` (4,) m, centre and radius.
         """
         for cluster, new in zip(clusters.indices, clusters.new, strict=True):
-            own = points.reshape(-1, 3)[cluster].astype(np.float64)
-            if not new or not _reaches(sphere, own):
+            readings = points.reshape(-1, 3)[cluster].astype(np.float64)
+            if not new or not _reaches(sphere, readings):
                 continue
-            part = self._fitter.part_inside(own, sphere)
+            part = self._fitter.part_inside(readings, sphere)
             if part.total < self._settings.min_points:
                 continue
-            view = ClusterView(points, cluster, self._search, self._before)
-            found = self._fitter.fitted(view, part, sphere, size_is_known=True)
-            if found is not None:
-                return found
+            view = ClusterView(points, cluster, self._before)
+            detected = self._fitter.fitted(view, part, sphere, size_is_known=True)
+            if detected is not None:
+                return detected
         return None
 
-    def _is_trusted(self, known: RememberedCluster[None]) -> bool:
+    def _is_trusted(self, memory: RememberedCluster[None]) -> bool:
         """Whether what was there when the environment was modelled has been a sphere in enough
         searches: what looks like one only as the noise has it is none."""
-        return known.successes >= self._search.static_successes * known.searches
+        return memory.successes >= STATIC_SUCCESSES * memory.searches
 
     @staticmethod
     def _effort(deserves_a_search: bool, left: int) -> Effort:
@@ -209,77 +215,79 @@ class SphereFinder:
         self,
         points: NDArray[np.float32],
         cluster: NDArray[np.int64],
-        own: NDArray[np.float64],
+        readings: NDArray[np.float64],
         expected: Sequence[NDArray[np.float64]],
         effort: Effort,
     ) -> ClusterSpheres:
-        found: list[Candidate] = []
-        left, rest = cluster, own
-        while (
-            len(found) < self._search.spheres_in_cluster and len(rest) >= self._settings.min_points
-        ):
-            view = ClusterView(points, left, self._search, self._before)
+        candidates: list[Candidate] = []
+        left, rest = cluster, readings
+        while len(candidates) < SPHERES_IN_CLUSTER and len(rest) >= self._settings.min_points:
+            view = ClusterView(points, left, self._before)
             candidate = self._best_sphere(view, rest, expected, effort)
             if candidate is None:
                 break
             # What others have left of a cluster has outlines that are none, too.
-            must_end = candidate.must_end or any(one.must_end for one in found)
-            found.append(Candidate(candidate.sphere, must_end))
+            must_end = candidate.must_end or any(earlier.must_end for earlier in candidates)
+            candidates.append(Candidate(candidate.sphere, must_end))
             off = self._miss(rest, candidate.sphere)
             left, rest = left[off], rest[off]
-        if len(found) > 1 or any(one.must_end for one in found):
-            found = self._apart(points, cluster, own, found)
-        off = np.ones(len(own), dtype=bool)
-        for one in found:
-            off &= self._miss(own, one.sphere)
-        return ClusterSpheres(cluster, [one.sphere for one in found], float(off.mean()))
+        if len(candidates) > 1 or any(earlier.must_end for earlier in candidates):
+            candidates = self._apart(points, cluster, readings, candidates)
+        off = np.ones(len(readings), dtype=bool)
+        for earlier in candidates:
+            off &= self._miss(readings, earlier.sphere)
+        return ClusterSpheres(
+            cluster, [earlier.sphere for earlier in candidates], float(off.mean())
+        )
 
     def _apart(
         self,
         points: NDArray[np.float32],
         cluster: NDArray[np.int64],
-        own: NDArray[np.float64],
-        found: list[Candidate],
+        readings: NDArray[np.float64],
+        candidates: list[Candidate],
     ) -> list[Candidate]:
         """Fit each sphere of a cluster again without the readings of the others, which drew it
         to their side where they touch; leave out those that go on into what is no sphere."""
         for _ in range(APART_ROUNDS):
-            for one in list(found):
-                off = np.ones(len(own), dtype=bool)
-                for other in found:
-                    if other is not one:
-                        off &= self._miss(own, other.sphere)
+            for candidate in list(candidates):
+                off = np.ones(len(readings), dtype=bool)
+                for other in candidates:
+                    if other is not candidate:
+                        off &= self._miss(readings, other.sphere)
                 if off.sum() < self._settings.min_points:
                     continue
-                view = ClusterView(points, cluster[off], self._search, self._before)
-                most = self._search.touching_goes_on if one.must_end else None
-                again = self._fitter.fitted(
+                view = ClusterView(points, cluster[off], self._before)
+                most = TOUCHING_GOES_ON if candidate.must_end else NEW_GOES_ON
+                refitted = self._fitter.fitted(
                     view,
-                    self._fitter.part_near(own[off], one.sphere.numbers),
-                    one.sphere.numbers,
+                    self._fitter.part_near(readings[off], candidate.sphere.numbers),
+                    candidate.sphere.numbers,
                     most,
                 )
-                k = found.index(one)
-                if again is not None:
-                    found[k] = Candidate(again, one.must_end)
-                elif one.must_end:
-                    del found[k]
-        return found
+                k = candidates.index(candidate)
+                if refitted is not None:
+                    candidates[k] = Candidate(refitted, candidate.must_end)
+                elif candidate.must_end:
+                    del candidates[k]
+        return candidates
 
     def _miss(self, points: NDArray[np.float64], sphere: DetectedSphere) -> NDArray[np.bool_]:
         """Which points' (n,) rays pass a sphere far enough not to be of it: noise must not make a
         second sphere of the readings that stray farthest."""
-        stray = self._search.stray_sigmas * self._lateral * sphere.range
+        stray = STRAY_SIGMAS * self._lateral * sphere.range
         return passing(points, sphere.center) > sphere.radius + stray
 
     def _best_sphere(
         self,
         view: ClusterView,
-        own: NDArray[np.float64],
+        readings: NDArray[np.float64],
         expected: Sequence[NDArray[np.float64]],
         effort: Effort,
     ) -> Candidate | None:
-        for part, hypothesis, must_end in self._hypotheses.of_cluster(view, own, expected, effort):
+        for part, hypothesis, must_end in self._hypotheses.of_cluster(
+            view, readings, expected, effort
+        ):
             if len(part.points) and part.total >= self._fewest(view, hypothesis):
                 sphere = self._fitter.fitted(view, part, hypothesis)
                 if sphere is not None:
@@ -290,7 +298,7 @@ class SphereFinder:
         """Points below which a cluster is far too little of a sphere to be seen as one: a cheap
         test before the fit."""
         least = min(self._settings.min_visible_fraction, self._settings.min_partly_visible)
-        return self._search.roughly_seen * least * view.readings_in_outline(sphere)
+        return ROUGHLY_SEEN * least * view.readings_in_outline(sphere)
 
 
 def _reaches(sphere: NDArray[np.float64], points: NDArray[np.float64]) -> bool:

@@ -19,6 +19,10 @@ from intuitive_physics_perception.environment.planes import DetectedPlane, detec
 from intuitive_physics_perception.environment.range_cloud import RangeCloud, angle_between_readings
 from intuitive_physics_perception.settings import PerceptionSettings
 
+HIDING_DEPTH = 0.1
+"""Distance before a plane from which on a reading hides it, m: what is nearer to the plane
+contradicts it."""
+
 MIN_POINTS = 50
 """Points in range that the first frames, or the part of a later frame that is checked, must have:
 too few show no plane. Set by hand."""
@@ -40,7 +44,7 @@ class NoEnvironmentError(IntuitivePhysicsError):
 class PlaneAgreement:
     """How well readings agree with the planes of an environment.
 
-    A reading hides a plane when it lies before it by more than `hiding_depth`.
+    A reading hides a plane when it lies before it by more than `HIDING_DEPTH`.
 
     Parameters
     ----------
@@ -68,7 +72,7 @@ class EnvironmentModel:
     ----------
     environment : Ω_e; its first plane is the support where there is one; planes end where edges
         were seen
-    detected : the same planes in the sensor's frame, with their outlines
+    detected : the same planes in the sensor's frame, with their hulls
     rotation : (3, 3) and
     translation : (3,) m: p_environment = rotation p_sensor + translation
     noise : of the range readings, measured on the planes
@@ -118,7 +122,7 @@ class EnvironmentModel:
                 plane,
                 normal=turn.T @ plane.normal,
                 offset=plane.offset - float(plane.normal @ shift),
-                corners=(plane.corners - shift) @ turn,
+                hull=(plane.hull - shift) @ turn,
                 boundary=None if plane.boundary is None else (plane.boundary - shift) @ turn,
             )
             for plane in self.detected
@@ -133,25 +137,19 @@ class EnvironmentModel:
     def seen_environment(self) -> Environment:
         """Return the environment with its planes cut to what was seen of them, as to be shown."""
         planes = [
-            Plane(plane.id, plane.material, plane.normal, plane.offset, outline)
-            for plane, outline in zip(self.environment.planes, self.outlines(), strict=True)
+            Plane(plane.id, plane.material, plane.normal, plane.offset, hull)
+            for plane, hull in zip(self.environment.planes, self.hulls(), strict=True)
         ]
-        known = self.environment
-        return Environment(planes, known.boxes, known.gravity, known.frame_id)
+        whole = self.environment
+        return Environment(planes, whole.boxes, whole.gravity, whole.frame_id)
 
-    def outlines(self) -> list[NDArray[np.float64]]:
-        """Return the convex outline (n, 3), m, of what was seen of each plane, in its frame."""
-        return [self.to_environment(plane.corners) for plane in self.detected]
+    def hulls(self) -> list[NDArray[np.float64]]:
+        """Return the convex hull (n, 3), m, of what was seen of each plane, in its frame."""
+        return [self.to_environment(plane.hull) for plane in self.detected]
 
 
 def is_same_view(way: RigidTransform, noise: RangeNoise) -> bool:
-    """Return whether a sensor has moved by less than what its readings' noise hides.
-
-    Parameters
-    ----------
-    way : how far it has moved
-    noise : of its readings
-    """
+    """Return whether a sensor has moved by less than what its readings' noise hides."""
     shift, angle = RigidTransform().difference(way)
     return bool(shift + VIEW_DISTANCE * angle < noise.deviation(VIEW_DISTANCE))
 
@@ -187,20 +185,20 @@ def model_environment(
         )
     assumed = RangeNoise.from_settings(settings)
     planes = detect_planes(points, assumed, settings, rng)
-    found = _upward(
+    upward = _upward(
         planes, settings, up, len(points), measured=measured, organised=is_organised(frames)
     )
-    noise = _measured_noise(frames, found.planes, assumed, settings, rng)
+    noise = _measured_noise(frames, upward.planes, assumed, settings, rng)
     cloud = RangeCloud(fuse(frames, settings, rng, MAX_EDGE_POINTS), noise, settings)
-    planes = with_edges(found.planes, cloud, settings, rng)
-    rotation, translation = _gravity_aligned(planes[0] if found.has_support else None, found.up)
+    planes = with_edges(upward.planes, cloud, rng)
+    rotation, translation = _gravity_aligned(planes[0] if upward.has_support else None, upward.up)
     names = [f"plane_{k}" for k in range(len(planes))]
     environment = Environment(
         _as_environment(planes, names, rotation, translation, settings),
         gravity=(0.0, 0.0, -settings.gravity),
         frame_id=settings.environment_frame_id,
     )
-    agreement = plane_agreement(RangeCloud(points, noise, settings), planes, settings)
+    agreement = plane_agreement(RangeCloud(points, noise, settings), planes)
     return EnvironmentModel(
         environment,
         tuple(planes),
@@ -208,8 +206,8 @@ def model_environment(
         translation,
         noise,
         agreement,
-        found.has_support,
-        found.doubt,
+        upward.has_support,
+        upward.doubt,
     )
 
 
@@ -227,26 +225,20 @@ def revised_environment(
     """Model the planes again where the sensor still stands as it did.
 
     A plane that is still there keeps its id and its place, so that the frame stays; where it ends
-    is looked at anew.
+    is determined again.
 
-    Parameters
-    ----------
-    model : what is known
-    frame : (height, width, 3) m, what has been seen for some time, NaN where nothing was read
-
-    Returns
-    -------
-    EnvironmentModel
-        Without static boxes; None where the support has gone or come, and with it the frame.
+    `frame` (height, width, 3) m, what has been seen for some time, NaN where nothing was read.
+    The result has no static boxes. Returns None where the support has gone or come, and with
+    it the frame.
     """
     points = fuse([frame], settings, rng)
-    known = {plane.numbers.tobytes(): plane.numbers for plane in model.detected}
-    planes = detect_planes(points, model.noise, settings, rng, list(known.values()))
+    old_planes = {plane.numbers.tobytes(): plane.numbers for plane in model.detected}
+    planes = detect_planes(points, model.noise, settings, rng, list(old_planes.values()))
     planes, names = _named(planes, model)
     if model.has_support != _supports(planes, names, model, settings):
         return None
     cloud = RangeCloud(fuse([frame], settings, rng, MAX_EDGE_POINTS), model.noise, settings)
-    planes = with_edges(planes, cloud, settings, rng)
+    planes = with_edges(planes, cloud, rng)
     old = model.environment
     environment = Environment(
         _as_environment(planes, names, model.rotation, model.translation, settings),
@@ -255,7 +247,7 @@ def revised_environment(
         old.frame_id,
         old.air_density,
     )
-    agreement = plane_agreement(RangeCloud(points, model.noise, settings), planes, settings)
+    agreement = plane_agreement(RangeCloud(points, model.noise, settings), planes)
     return replace(model, environment=environment, detected=tuple(planes), agreement=agreement)
 
 
@@ -276,13 +268,14 @@ def _named(
 ) -> tuple[list[DetectedPlane], list[str]]:
     """Sort planes, the support first, and give each the id of the one it was, or a new one.
 
-    Surfaces of one plane are told apart by their middles: each is the nearest one of before.
+    Surfaces of one plane are distinguished by their middles: each is the nearest one of the old
+    model.
     """
     names = [""] * len(planes)
     for old, was in zip(model.detected, model.environment.planes, strict=True):
-        middle = old.corners.mean(axis=0)
+        middle = old.hull.mean(axis=0)
         same = [
-            (float(np.linalg.norm(plane.corners.mean(axis=0) - middle)), k)
+            (float(np.linalg.norm(plane.hull.mean(axis=0) - middle)), k)
             for k, plane in enumerate(planes)
             if not names[k] and np.array_equal(plane.numbers, old.numbers)
         ]
@@ -317,17 +310,8 @@ def _as_environment(
     ]
 
 
-def plane_agreement(
-    cloud: RangeCloud, planes: Sequence[DetectedPlane], settings: PerceptionSettings
-) -> PlaneAgreement:
-    """Return how well readings agree with planes.
-
-    Parameters
-    ----------
-    cloud : at least one reading
-    planes : of the environment, the support first
-    """
-    depth = settings.revision.hiding_depth
+def plane_agreement(cloud: RangeCloud, planes: Sequence[DetectedPlane]) -> PlaneAgreement:
+    """Return how well readings agree with planes."""
     on, hides = np.zeros(len(cloud.points), dtype=bool), np.zeros(len(cloud.points), dtype=bool)
     support = 1.0
     for k, plane in enumerate(planes):
@@ -336,8 +320,8 @@ def plane_agreement(
         along = cloud.points @ plane.normal
         meeting = np.flatnonzero(along < 0.0)
         feet = cloud.points[meeting] * (plane.offset / along[meeting])[:, None]
-        meeting = meeting[plane.outlines(feet)]
-        before = along[meeting] - plane.offset > depth
+        meeting = meeting[plane.in_hull(feet)]
+        before = along[meeting] - plane.offset > HIDING_DEPTH
         hides[meeting[before]] = True
         if k == 0 and not before.all():
             support = float(near[meeting[~before]].mean())
@@ -358,17 +342,17 @@ def _upward(
 
     A hint may be wrong, so a plane must agree with it; what was measured holds without one.
     """
-    known = settings.up_hint if up is None else up
-    if known is None and organised and settings.camera_upright:
-        return upright(planes, settings.support)
+    given = settings.up_hint if up is None else up
+    if given is None and organised and settings.camera_upright:
+        return upright(planes)
     if not planes and not (measured and organised):
         raise NoEnvironmentError(
             f"no plane holds {settings.plane_min_fraction:.0%} of the {points} points; "
             "expected a floor or table: turn the sensor to it or lower plane_min_fraction"
         )
-    if known is None:
+    if given is None:
         return Upward(planes[0].normal, tuple(planes), True)
-    direction = np.asarray(known, dtype=np.float64)
+    direction = np.asarray(given, dtype=np.float64)
     sorted_planes = facing(planes, direction, settings.up_hint_tolerance)
     if sorted_planes is not None:
         return Upward(sorted_planes[0].normal if up is None else direction, sorted_planes, True)

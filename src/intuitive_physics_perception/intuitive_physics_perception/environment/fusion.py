@@ -25,9 +25,7 @@ def fuse(
 ) -> NDArray[np.float64]:
     """Return points in range (n, 3) m, at most `most`, of all frames; see `fused_frame`.
 
-    Parameters
-    ----------
-    frames : each (height, width, 3) m
+    `frames` (height, width, 3) m each.
     """
     points = fused_frame(frames, most).reshape(-1, 3)
     points = points[_in_range(points, settings)]
@@ -44,10 +42,7 @@ def fused_frame(
     Frames of one organised size are fused by the median of each pixel, which averages noise and
     drops what moves, and thinned to `most` pixels; others are joined to a height of 1.
 
-    Parameters
-    ----------
-    frames : each (height, width, 3) m
-    most : pixels of the fused frame at most
+    `frames` (height, width, 3) m each; `most`: pixels of the fused frame at most.
     """
     if len({frame.shape for frame in frames}) > 1 or frames[0].shape[0] == 1:
         return np.concatenate([frame.reshape(1, -1, 3) for frame in frames], axis=1).astype(
@@ -67,13 +62,13 @@ def _pixel_medians(stack: NDArray[np.float64]) -> NDArray[np.float64]:
     standard deviations too far where eight frames are fused, and so would all planes.
     """
     ranges = np.linalg.norm(stack, axis=2)
-    seen = np.isfinite(ranges).sum(axis=0)
+    counts = np.isfinite(ranges).sum(axis=0)
     # NaN sorts to the end, so the median of what was seen stands at half its count.
     order = np.argsort(ranges, axis=0)
-    middle = np.stack([(seen - 1).clip(min=0) // 2, (seen // 2).clip(max=len(stack) - 1)])
+    middle = np.stack([(counts - 1).clip(min=0) // 2, (counts // 2).clip(max=len(stack) - 1)])
     chosen = np.take_along_axis(order, middle, axis=0)
     medians = stack[chosen, np.arange(stack.shape[1])].mean(axis=0)
-    medians[2 * seen < len(stack)] = np.nan
+    medians[2 * counts < len(stack)] = np.nan
     return medians
 
 

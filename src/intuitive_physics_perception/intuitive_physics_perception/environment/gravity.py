@@ -13,7 +13,61 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.scene import STANDARD_GRAVITY
 from intuitive_physics.validation import finite_array, finite_float
 from intuitive_physics_perception.environment.planes import DetectedPlane
-from intuitive_physics_perception.environment.settings import RestSettings, SupportSettings
+from intuitive_physics_perception.tracking.motion_fits import fitted_acceleration
+
+MAX_ROLL = 30.0
+"""Turn about the optical axis between the image's upward direction and the normal of a support at
+most, degrees: people and robots hold cameras with the horizon about level."""
+
+MAX_TILT = 65.0
+"""Tilt of the camera at most, degrees: one that looks down more steeply sees a floor as one that
+looks ahead sees a wall."""
+
+MIN_WIDTH = 1.2
+"""Width at least of a support that is not the largest plane, m: the side of a box is narrower."""
+
+FROM_LEVEL = 10.0
+"""Angle by which it may be off a right angle to the largest plane, which is a wall then,
+degrees."""
+
+FLIGHT_TIME = 0.25
+"""Duration of a part of a flight from which gravity is measured, s: with 2 mm of noise at 30 Hz the
+acceleration is then known to 0.5 m/s², 3 degrees."""
+
+FLIGHT_MISFIT = 2.0
+"""Mean square of what a constant acceleration leaves of it, in variances, at most: 18 coordinates
+less 9 unknowns exceed it once in 30 times."""
+
+GRAVITY_ERROR = 0.03
+"""Part by which drag and spin may change the acceleration of a flight."""
+
+FLIGHTS = 2
+"""Parts of flights that must agree before they count."""
+
+MIN_TURN = 3.0
+"""Angle between gravity as measured on flights and as modelled from which on the environment is
+modelled again, where it is known to a third of that, degrees: drag of 3 % turns an acceleration by
+up to 1.7 degrees."""
+
+REST_TIME = 0.5
+"""Time that the sensor must have rested, s."""
+
+AVERAGED_SAMPLES = 1000
+"""Samples that are averaged at most."""
+
+MIN_SAMPLES = 10
+"""Samples that the average needs at least."""
+
+MAX_ANGULAR_VELOCITY = 0.05
+"""Angular velocity of a sensor at rest at most, rad/s: the bias of a cheap gyroscope is below
+0.02."""
+
+MAX_CHANGE = 0.5
+"""Difference of an acceleration at rest from the mean at most, m/s²: the noise of a cheap
+accelerometer is 0.1."""
+
+MAX_STRENGTH_ERROR = 0.1
+"""Part by which the acceleration at rest may differ from gravity: biases are below 3 %."""
 
 IMAGE_UP = (0.0, -1.0, 0.0)
 """The image's upward direction in a camera's optical frame (REP 103)."""
@@ -46,11 +100,7 @@ def facing(
 ) -> tuple[DetectedPlane, ...] | None:
     """Return planes, first the largest that faces up; None where none does.
 
-    Parameters
-    ----------
-    planes : largest first
-    up : (3,) unit vector in the sensor's frame
-    tolerance : degrees between up and its normal
+    `up` (3,) unit vector in the sensor's frame; `tolerance` in degrees between up and its normal.
     """
     for plane in planes:
         if plane.normal @ up >= np.cos(np.radians(tolerance)):
@@ -58,16 +108,11 @@ def facing(
     return None
 
 
-def upright(planes: Sequence[DetectedPlane], settings: SupportSettings) -> Upward:
+def upright(planes: Sequence[DetectedPlane]) -> Upward:
     """Return what supports objects before a camera that is held about upright.
 
     The largest plane, unless it faces sideways in the image, as a wall does, and another one faces
     up that stands square on it and is as wide as a floor or table: then the largest of these.
-
-    Parameters
-    ----------
-    planes : largest first, in the camera's optical frame
-    settings : what counts as upright
     """
     if not planes:
         return Upward(
@@ -78,11 +123,11 @@ def upright(planes: Sequence[DetectedPlane], settings: SupportSettings) -> Upwar
             "floor or table, give up_hint, use an IMU, or throw something",
         )
     largest = planes[0]
-    if _is_upright(largest, settings):
+    if _is_upright(largest):
         return Upward(largest.normal, tuple(planes), True)
     for plane in planes:
-        level = abs(plane.normal @ largest.normal) <= np.sin(np.radians(settings.from_level))
-        if level and _is_upright(plane, settings) and plane.width >= settings.least_width:
+        level = abs(plane.normal @ largest.normal) <= np.sin(np.radians(FROM_LEVEL))
+        if level and _is_upright(plane) and plane.width >= MIN_WIDTH:
             return Upward(plane.normal, _with_first(planes, plane), True)
     angle = np.degrees(np.arccos(np.clip(largest.normal @ np.array(IMAGE_UP), -1.0, 1.0)))
     return Upward(
@@ -94,11 +139,11 @@ def upright(planes: Sequence[DetectedPlane], settings: SupportSettings) -> Upwar
     )
 
 
-def _is_upright(plane: DetectedPlane, settings: SupportSettings) -> bool:
+def _is_upright(plane: DetectedPlane) -> bool:
     x, y, z = plane.normal
     roll = np.degrees(np.arctan2(abs(x), -y))
     tilt = np.degrees(np.arctan2(abs(z), np.hypot(x, y)))
-    return bool(roll <= settings.most_roll and tilt <= settings.steepest)
+    return bool(roll <= MAX_ROLL and tilt <= MAX_TILT)
 
 
 def _with_first(planes: Sequence[DetectedPlane], first: DetectedPlane) -> tuple[DetectedPlane, ...]:
@@ -115,12 +160,10 @@ class FlightGravity:
     Parameters
     ----------
     strength : m/s², of gravity
-    settings : when a motion counts as a flight
     """
 
-    def __init__(self, strength: float, settings: SupportSettings) -> None:
+    def __init__(self, strength: float) -> None:
         self._strength = strength
-        self._settings = settings
         self._found = deque[tuple[NDArray[np.float64], NDArray[np.float64]]](maxlen=KEPT_PARTS)
 
     def up(self) -> tuple[NDArray[np.float64], float] | None:
@@ -129,13 +172,13 @@ class FlightGravity:
         best: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
         for mean, spread in self._found:
             agreeing = [
-                (other, own)
-                for other, own in self._found
-                if _angle(mean, other) < self._settings.turned + 3.0 * self._degrees(spread + own)
+                (other, other_spread)
+                for other, other_spread in self._found
+                if _angle(mean, other) < MIN_TURN + 3.0 * self._degrees(spread + other_spread)
             ]
             best = max(best, agreeing, key=len)
         # Most of what seemed to fly must agree, too.
-        if len(best) < max(self._settings.flights, 0.5 * len(self._found) + 0.5):
+        if len(best) < max(FLIGHTS, 0.5 * len(self._found) + 0.5):
             return None
         weights = [np.linalg.inv(spread) for _, spread in best]
         covariance = np.linalg.inv(np.sum(weights, axis=0))
@@ -155,22 +198,19 @@ class FlightGravity:
     ) -> None:
         """Look for parts of a motion that are flights.
 
-        Parameters
-        ----------
-        times : (n,) s
-        places : (n, 3) m
-        covariances : (n, 3, 3) m², of the error that each place has of its own
+        `times` (n,) s; `places` (n, 3) m; `covariances` (n, 3, 3) m², of the error that each place
+        has of its own.
         """
         first = 0
         while first < len(times):
-            last = int(np.searchsorted(times, times[first] + self._settings.flight_time))
+            last = int(np.searchsorted(times, times[first] + FLIGHT_TIME))
             part = slice(first, last + 1)
             if last >= len(times):
                 return
-            found = self._acceleration(times[part], places[part], covariances[part])
-            if found is not None:
-                self._found.append(found)
-            first = last if found is not None else first + 1
+            flight = self._acceleration(times[part], places[part], covariances[part])
+            if flight is not None:
+                self._found.append(flight)
+            first = last if flight is not None else first + 1
 
     def _acceleration(
         self,
@@ -182,18 +222,12 @@ class FlightGravity:
         n = len(times)
         if n < 5:
             return None
-        since = times - times.mean()
-        design = np.kron(np.stack([np.ones(n), since, 0.5 * since**2], axis=1), np.eye(3))
-        weights = np.linalg.inv(covariances)
-        weighted = np.einsum("nij,njk->nik", weights, design.reshape(n, 3, 9)).reshape(-1, 9)
-        spread = np.linalg.inv(design.T @ weighted)
-        solution = spread @ (weighted.T @ places.ravel())
-        left = (places.ravel() - design @ solution).reshape(n, 3)
-        misfit = float(np.einsum("ni,nij,nj->", left, weights, left)) / (3 * n - 9)
-        mean, covariance = solution[6:], spread[6:, 6:] * max(misfit, 1.0)
-        error = self._settings.gravity_error * self._strength + 3.0 * _deviation(covariance)
+        mean, spread, chi2 = fitted_acceleration(times, places, covariances)
+        misfit = chi2 / (3 * n - 9)
+        covariance = spread * max(misfit, 1.0)
+        error = GRAVITY_ERROR * self._strength + 3.0 * _deviation(covariance)
         off = abs(float(np.linalg.norm(mean)) - self._strength)
-        falls = off < error < 0.5 * self._strength and misfit < self._settings.flight_misfit
+        falls = off < error < 0.5 * self._strength and misfit < FLIGHT_MISFIT
         return (mean, covariance) if falls else None
 
 
@@ -211,8 +245,7 @@ def _deviation(covariance: NDArray[np.float64]) -> float:
 class RestingAccelerometer:
     """Averages accelerations while a sensor rests: it then feels only what holds it up."""
 
-    def __init__(self, settings: RestSettings) -> None:
-        self._settings = settings
+    def __init__(self) -> None:
         self._up: NDArray[np.float64] | None = None
         self._forget()
 
@@ -226,11 +259,9 @@ class RestingAccelerometer:
     ) -> None:
         """Take one sample.
 
-        Parameters
-        ----------
-        time : s; an earlier time than the last one starts again
-        acceleration : (3,) m/s², what an accelerometer feels: at rest it points up
-        angular_velocity : (3,) rad/s; None where there is no gyroscope
+        `time` in s; an earlier time than the last one starts again; `acceleration` (3,) m/s², what
+        an accelerometer feels: at rest it points up; `angular_velocity` (3,) rad/s; None where
+        there is no gyroscope.
 
         Raises
         ------
@@ -249,14 +280,13 @@ class RestingAccelerometer:
                 f"acceleration of the IMU is at most {strength:.2f} m/s² along any axis; expected "
                 "9.81 with gravity in it (REP 145): is it in g, or was gravity taken out?"
             )
-        settings = self._settings
         held = strength < 2.0 * standard and (
-            abs(float(np.linalg.norm(felt)) - standard) < settings.max_strength_error * standard
+            abs(float(np.linalg.norm(felt)) - standard) < MAX_STRENGTH_ERROR * standard
         )
-        if not held or np.abs(turn).max() > settings.max_angular_velocity:
+        if not held or np.abs(turn).max() > MAX_ANGULAR_VELOCITY:
             self._forget()
             return
-        if time < self._newest or np.linalg.norm(felt - self._mean) > settings.max_change:
+        if time < self._newest or np.linalg.norm(felt - self._mean) > MAX_CHANGE:
             self._forget()
         self._take(time, felt)
 
@@ -269,10 +299,9 @@ class RestingAccelerometer:
     def _take(self, time: float, felt: NDArray[np.float64]) -> None:
         if not self._count:
             self._since = time
-        settings = self._settings
         self._newest = time
         self._count += 1
         # The plain mean at first, then one that forgets, so that it follows a slow drift.
-        self._mean += (felt - self._mean) / min(self._count, settings.averaged_samples)
-        if time - self._since >= settings.rest_time and self._count >= settings.min_samples:
+        self._mean += (felt - self._mean) / min(self._count, AVERAGED_SAMPLES)
+        if time - self._since >= REST_TIME and self._count >= MIN_SAMPLES:
             self._up = self._mean / np.linalg.norm(self._mean)

@@ -36,7 +36,7 @@ CELL_SPACINGS = 8.0
 than the matching windows of most cameras."""
 
 MIN_READINGS_IN_CELL = 16
-"""Readings of a cell whose mean tells how their errors go together."""
+"""Readings that a cell needs for its mean to show how their errors are correlated."""
 
 MIN_CELLS = 30
 """Such cells at least: their median square is then known to a fifth."""
@@ -94,11 +94,10 @@ class RangeNoise:
         The scatter in bins of range is matched by least squares in its square; what too few
         readings determine is left as it was.
 
-        Parameters
-        ----------
-        ranges : (n,) m
-        errors : (n,) m, may hold outliers
+        `ranges` (n,) m; `errors` (n,) m, may hold outliers.
         """
+        from scipy.optimize import nnls
+
         if not ranges.size:
             return self
         edges = np.quantile(ranges, np.linspace(0.0, 1.0, RANGE_BINS + 1))
@@ -115,8 +114,7 @@ class RangeNoise:
         fourth, variance = np.array(at) ** 4, np.maximum(variances, 1e-10)
         weights = 1.0 / variance
         design = np.column_stack([np.ones_like(fourth), fourth])
-        solution = _non_negative(design * weights[:, None], np.ones_like(variance))
-        a, b = np.sqrt(solution)
+        a, b = np.sqrt(nnls(design * weights[:, None], np.ones_like(variance))[0])
         return replace(
             self,
             constant=_within(a, self.constant),
@@ -129,9 +127,7 @@ class RangeNoise:
         A beam is about as wide as readings are apart, and its reading comes from anywhere in it: as
         a standard deviation half the angle between neighbours.
 
-        Parameters
-        ----------
-        spacing : rad, angle between neighbouring readings
+        `spacing` in rad, angle between neighbouring readings.
         """
         return replace(self, lateral=max(self.lateral, 0.5 * spacing))
 
@@ -140,15 +136,12 @@ class RangeNoise:
     ) -> RangeNoise:
         """Return the noise with the correlation that readings of one frame on known planes show.
 
-        For clouds without pixels. In cells of directions the mean of n errors has the variance
-        c / n of one, where c is the correlation, and the unevenness of the planes adds to it. The
+        For clouds without pixels. In cells of directions the mean of n errors has the variance c /
+        n of one, where c is the correlation, and the unevenness of the planes adds to it. The
         median over the cells leaves out what is no plane. Too few readings leave it as it was.
 
-        Parameters
-        ----------
-        points : (n, 3) m, of the readings
-        errors : (n,) of them, along their rays, in standard deviations
-        spacing : rad, angle between neighbouring readings
+        `points` (n, 3) m, of the readings; `errors` (n,) of them, along their rays, in standard
+        deviations; `spacing` in rad, angle between neighbouring readings.
         """
         still = np.abs(errors) < STILL_SIGMAS
         directions = points[still] / np.linalg.norm(points[still], axis=1, keepdims=True)
@@ -174,9 +167,8 @@ class RangeNoise:
         a mean exceeds that of as many independent readings. Too few readings, or frames without
         noise, leave it as it was.
 
-        Parameters
-        ----------
-        before, after : (height, width) m, ranges in the two frames, NaN where nothing was read
+        `before` (height, width) and `after` (height, width) m, ranges in the two frames, NaN where
+        nothing was read.
         """
         if before.shape != after.shape or min(before.shape) <= CORRELATION_REACH:
             return self
@@ -194,14 +186,8 @@ class RangeNoise:
 def _neighbour_products(image: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sums over an image of the products of two pixels, by their offset.
 
-    Parameters
-    ----------
-    image : (height, width)
-
-    Returns
-    -------
-    array
-        (2 · reach + 1, 2 · reach + 1) by offset of rows and columns, reach `CORRELATION_REACH`
+    `image` (height, width). Returns (2 · reach + 1, 2 · reach + 1) by offset of rows and
+    columns, reach `CORRELATION_REACH`.
     """
     # Zeros beyond the edges keep opposite edges from being neighbours.
     size = tuple(length + CORRELATION_REACH for length in image.shape)
@@ -209,19 +195,6 @@ def _neighbour_products(image: NDArray[np.float64]) -> NDArray[np.float64]:
     products = np.fft.irfft2(np.square(np.abs(spectrum)), size)
     offsets = np.arange(-CORRELATION_REACH, CORRELATION_REACH + 1)
     return np.asarray(products[np.ix_(offsets, offsets)])
-
-
-def _non_negative(design: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Least squares in two unknowns that may not be negative."""
-    best = np.asarray(np.linalg.lstsq(design, target, rcond=None)[0], dtype=np.float64)
-    if (best >= 0.0).all():
-        return best
-    alone = np.maximum((design * target[:, None]).sum(axis=0) / np.square(design).sum(axis=0), 0.0)
-    residuals = np.square(design * alone - target[:, None]).sum(axis=0)
-    keep = int(np.argmin(residuals))
-    solution = np.zeros(2)
-    solution[keep] = alone[keep]
-    return solution
 
 
 def _within(value: float, expected: float) -> float:

@@ -16,15 +16,58 @@ from numpy.typing import NDArray
 
 from intuitive_physics.geometry.polygons import clip_polygon, plane_square
 from intuitive_physics_perception.environment.noise import GAUSSIAN_MAD
-from intuitive_physics_perception.environment.planes import DetectedPlane
+from intuitive_physics_perception.environment.planes import BEHIND, DetectedPlane
 from intuitive_physics_perception.environment.range_cloud import (
     RangeCloud,
     angle_between_readings,
     convex_hull,
     plane_axes,
 )
-from intuitive_physics_perception.environment.settings import PlaneEdgeSettings
-from intuitive_physics_perception.settings import PerceptionSettings
+
+REACH = 50.0
+"""How far a plane goes on where no edge of it was seen, m."""
+
+CORNER_TOLERANCE = 1.0
+"""Height of a corner that simplifying a hull may remove, in spacings."""
+
+SHORTEST_EDGE = 4.0
+"""Length of a side of a hull that may be an edge, in spacings."""
+
+SLOT_WIDTH = 2.0
+"""Width of the slots across a side of the hull in which ends are looked for, in spacings."""
+
+MAX_SLOTS = 40
+"""Slots along one side of a hull at most."""
+
+SEEN_FRACTION = 0.6
+"""Part of the slots of a side in which the end must be seen."""
+
+GAP = 0.03
+"""Distance from the last reading on a plane to the first behind it, m."""
+
+GAP_SPACINGS = 3.0
+"""What is added to that distance, in spacings."""
+
+OUTLIERS = 0.01
+"""Part of the outermost readings on a plane that may be outliers."""
+
+READINGS_BEHIND = 2
+"""Readings clearly behind the plane that a slot with an end needs."""
+
+FIT_ROUNDS = 4
+"""Rounds of the robust fit of a line to the ends."""
+
+FRACTION_INSIDE = 0.98
+"""Part of a surface that an edge must leave: else it was fitted to a corner."""
+
+SURFACE_READINGS = 30
+"""Readings on a plane whose edges are looked for."""
+
+SURFACE_SIGMAS = 3.0
+"""Standard deviations of its scatter within which a reading is on a plane."""
+
+SMALLEST_SCATTER = 0.2
+"""Scaled distance that always counts as on the plane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,14 +93,12 @@ class SeenAround:
 def with_edges(
     planes: Sequence[DetectedPlane],
     cloud: RangeCloud,
-    settings: PerceptionSettings,
     rng: np.random.Generator,
 ) -> list[DetectedPlane]:
     """Return planes with the boundaries that the cloud shows of them."""
     angle = angle_between_readings(cloud, rng)
     return [
-        replace(plane, boundary=plane_boundary(cloud, plane, planes, angle, settings))
-        for plane in planes
+        replace(plane, boundary=plane_boundary(cloud, plane, planes, angle)) for plane in planes
     ]
 
 
@@ -66,31 +107,21 @@ def plane_boundary(
     plane: DetectedPlane,
     planes: Sequence[DetectedPlane],
     angle: float,
-    settings: PerceptionSettings,
 ) -> NDArray[np.float64] | None:
     """Return the convex polygon that bounds a plane, None where no edge of it was seen.
 
-    Parameters
-    ----------
-    cloud : what was read
-    planes : all planes of the scene
-    angle : rad between neighbouring readings
-
-    Returns
-    -------
-    array
-        (k, 3) m, counter-clockwise seen against the normal. Sides that are no seen edges lie
-        `PlaneEdgeSettings.reach` away.
+    `angle` in rad between neighbouring readings. Returns (k, 3) m, counter-clockwise seen
+    against the normal. Sides that are no seen edges lie `REACH` away.
     """
     if not (angle > 0.0 and plane.offset < 0.0):
         # Readings coincide, or the plane goes through the sensor: nothing shows where it ends.
         return None
     axes = np.column_stack(plane_axes(plane.normal))
-    seen = _seen_around(cloud, plane, planes, axes, angle, settings)
-    if len(seen.surface) < settings.plane_edges.surface_readings:
+    around = _seen_around(cloud, plane, planes, axes, angle)
+    if len(around.surface) < SURFACE_READINGS:
         return None
-    outline = convex_hull(seen.surface)
-    polygon = None if outline is None else bounded_polygon(seen, outline, settings.plane_edges)
+    hull = convex_hull(around.surface)
+    polygon = None if hull is None else boundary_polygon(around, hull)
     return None if polygon is None else polygon @ axes.T + plane.offset * plane.normal
 
 
@@ -100,7 +131,6 @@ def _seen_around(
     planes: Sequence[DetectedPlane],
     axes: NDArray[np.float64],
     angle: float,
-    settings: PerceptionSettings,
 ) -> SeenAround:
     numbers = plane.numbers
     scaled = cloud.scaled_distances(numbers)
@@ -110,11 +140,11 @@ def _seen_around(
         if not np.array_equal(other.numbers, numbers):
             on &= ~cloud.near(other.numbers)
     part = np.flatnonzero(on)
-    part = part[plane.outlines(cloud.points[part])]
+    part = part[plane.in_hull(cloud.points[part])]
     # How far the plane's own readings scatter is far less than what noise might make of them.
     median = float(np.median(np.abs(scaled[part]))) if part.size else 0.0
-    usual = settings.plane_edges.surface_sigmas * GAUSSIAN_MAD * median
-    usual = min(max(usual, settings.plane_edges.smallest_scatter), 1.0)
+    usual = SURFACE_SIGMAS * GAUSSIAN_MAD * median
+    usual = min(max(usual, SMALLEST_SCATTER), 1.0)
     part = part[np.abs(scaled[part]) < usual]
     meets = cloud.meeting(numbers)
     below, before = (meets[side] for side in (scaled[meets] < -usual, scaled[meets] > 1.0))
@@ -122,41 +152,37 @@ def _seen_around(
         cloud.feet(numbers, axes, part),
         angle * cloud.ranges[part] ** 2 / max(abs(plane.offset), 1e-6),
         cloud.feet(numbers, axes, below),
-        scaled[below] < -settings.plane_detection.behind,
+        scaled[below] < -BEHIND,
         cloud.feet(numbers, axes, before),
     )
 
 
-def bounded_polygon(
-    seen: SeenAround, outline: NDArray[np.float64], settings: PlaneEdgeSettings
-) -> NDArray[np.float64] | None:
+def boundary_polygon(around: SeenAround, hull: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """Return the convex polygon (k, 2) of what was seen of a plane; see `plane_boundary`.
 
-    Parameters
-    ----------
-    outline : (n, 2) m, convex hull of the surface, counter-clockwise
+    `hull` (n, 2) m, convex hull of the surface, counter-clockwise.
     """
-    corners = _simplified(outline, settings.corner_tolerance * float(np.median(seen.spacing)))
+    corners = _simplified(hull, CORNER_TOLERANCE * float(np.median(around.spacing)))
     sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
     edges = [
         edge
         for side in sides
-        if (edge := _seen_edge(seen, *side, settings)) is not None
-        and _inside(seen, edge, settings.gap) > settings.fraction_inside
+        if (edge := _seen_edge(around, *side)) is not None
+        and _inside(around, edge) > FRACTION_INSIDE
     ]
     if not edges:
         return None
-    centre = np.append(outline.mean(axis=0), 0.0)
-    polygon = plane_square(np.array([0.0, 0.0, 1.0]), 0.0, centre, settings.reach)
+    centre = np.append(hull.mean(axis=0), 0.0)
+    polygon = plane_square(np.array([0.0, 0.0, 1.0]), 0.0, centre, REACH)
     for outward, bound in edges:
         polygon = clip_polygon(polygon, np.append(-outward, 0.0), -bound)
     return polygon[:, :2] if len(polygon) >= 3 else None
 
 
-def _inside(seen: SeenAround, edge: tuple[NDArray[np.float64], float], gap: float) -> float:
+def _inside(around: SeenAround, edge: tuple[NDArray[np.float64], float]) -> float:
     """Part of the surface that an edge leaves; one that cuts off more was fitted to a corner."""
     outward, bound = edge
-    return float((seen.surface @ outward <= bound + gap).mean())
+    return float((around.surface @ outward <= bound + GAP).mean())
 
 
 def _simplified(corners: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
@@ -184,37 +210,36 @@ def _height(
 
 
 def _seen_edge(
-    seen: SeenAround,
+    around: SeenAround,
     start: NDArray[np.float64],
     end: NDArray[np.float64],
-    settings: PlaneEdgeSettings,
 ) -> tuple[NDArray[np.float64], float] | None:
-    """Return the edge along one side of the outline, outward · p = bound, if it was seen."""
+    """Return the edge along one side of the hull, outward · p = bound, if it was seen."""
     along = end - start
     length = float(np.linalg.norm(along))
     along = along / max(length, 1e-12)
     outward = np.array([along[1], -along[0]])
     turn = np.column_stack([along, outward])
-    near = np.linalg.norm(seen.surface - 0.5 * (start + end), axis=1) < 0.75 * length
-    spacing = float(np.median(seen.spacing[near])) if near.any() else float(seen.spacing.max())
-    if length < settings.shortest_edge * spacing:
+    near = np.linalg.norm(around.surface - 0.5 * (start + end), axis=1) < 0.75 * length
+    spacing = float(np.median(around.spacing[near])) if near.any() else float(around.spacing.max())
+    if length < SHORTEST_EDGE * spacing:
         return None
-    gap = settings.gap + settings.gap_spacings * spacing
+    gap = GAP + GAP_SPACINGS * spacing
     parts = [
         (points - start) @ turn
-        for points in (seen.surface, seen.below, seen.below[seen.deep], seen.before)
+        for points in (around.surface, around.below, around.below[around.deep], around.before)
     ]
-    slots = int(np.clip(length / (settings.slot_width * spacing), 3, settings.max_slots))
+    slots = int(np.clip(length / (SLOT_WIDTH * spacing), 3, MAX_SLOTS))
     width = length / slots
-    found = []
+    ends = []
     for place in width * np.arange(slots):
         on, below, deep, hidden = (_slot(part, place, width) for part in parts)
-        end_of_slot = _end_of_surface(on, below, deep, hidden, gap, settings)
+        end_of_slot = _end_of_surface(on, below, deep, hidden, gap)
         if end_of_slot is not None:
-            found.append((place + 0.5 * width, end_of_slot))
-    if len(found) < max(3, settings.seen_fraction * slots):
+            ends.append((place + 0.5 * width, end_of_slot))
+    if len(ends) < max(3, SEEN_FRACTION * slots):
         return None
-    offset, slope = _robust_line(np.array(found), settings.fit_rounds)
+    offset, slope = _robust_line(np.array(ends))
     direction = along + slope * outward
     direction /= np.linalg.norm(direction)
     normal = np.array([direction[1], -direction[0]])
@@ -227,9 +252,8 @@ def _end_of_surface(
     deep: NDArray[np.float64],
     hidden: NDArray[np.float64],
     gap: float,
-    settings: PlaneEdgeSettings,
 ) -> float | None:
-    """Where the plane ends in one slot across its outline, all in m outward from it.
+    """Where the plane ends in one slot across a side of its hull, all in m outward from it.
 
     Half way between the last reading on the plane and the first one through it; None where they
     are more than `gap` apart, nothing shows that they are not one surface, or something hides it.
@@ -237,10 +261,10 @@ def _end_of_surface(
     on = np.sort(on[on > -2.0 * gap])
     if not on.size:
         return None
-    last = float(on[-1 - int(settings.outliers * on.size)])
+    last = float(on[-1 - int(OUTLIERS * on.size)])
     off = np.sort(below[below > last])
     deep = deep[(deep > last) & (deep < last + gap)]
-    if deep.size < settings.readings_behind or off[1] > last + gap:
+    if deep.size < READINGS_BEHIND or off[1] > last + gap:
         return None
     first = float(off[1])
     if ((hidden > last) & (hidden < first)).sum() > deep.size:
@@ -253,11 +277,11 @@ def _slot(places: NDArray[np.float64], start: float, width: float) -> NDArray[np
     return places[(places[:, 0] >= start) & (places[:, 0] < start + width), 1]
 
 
-def _robust_line(places: NDArray[np.float64], rounds: int) -> tuple[float, float]:
+def _robust_line(places: NDArray[np.float64]) -> tuple[float, float]:
     """Offset and slope of a line through (n, 2) places, those far off it left out."""
     kept = np.ones(len(places), dtype=bool)
     offset, slope = 0.0, 0.0
-    for _ in range(rounds):
+    for _ in range(FIT_ROUNDS):
         design = np.column_stack([np.ones(kept.sum()), places[kept, 0]])
         offset, slope = np.linalg.lstsq(design, places[kept, 1], rcond=None)[0]
         misses = np.abs(places[:, 1] - offset - slope * places[:, 0])

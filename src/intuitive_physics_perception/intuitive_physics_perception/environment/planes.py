@@ -19,12 +19,51 @@ from numpy.typing import NDArray
 from intuitive_physics.kernels import entry
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.range_cloud import RangeCloud, convex_hull, plane_axes
-from intuitive_physics_perception.environment.settings import PlaneDetectionSettings
 from intuitive_physics_perception.settings import PerceptionSettings
 
-OUTLINE_MARGIN = 0.03
-"""Part of its distance from the sensor by which a place may lie outside a plane's outline and still
-count as on the plane: what is known of the outline ends with the readings. Set by hand."""
+SCORED_POINTS = 1500
+"""Points that each hypothesis is scored on."""
+
+BATCHES = 24
+"""Batches of hypotheses for each plane."""
+
+BATCH_SIZE = 64
+"""Hypotheses in a batch."""
+
+REFINEMENTS = 6
+"""Rounds of least squares over the inliers."""
+
+MERGE_ANGLE = 4.0
+"""Planes that differ by more are not merged, degrees."""
+
+MERGE_DISTANCE = 2.0
+"""Median scaled distance to another plane up to which both are one."""
+
+BULGE_EXPLAINED = 0.2
+"""Part of the variance of the heights that a paraboloid must explain for a plane to be the cap of
+something round."""
+
+BULGE_RADII = 5.0
+"""Radius of curvature of such a cap at most, in largest sphere radii."""
+
+SMALL_PART = 0.02
+"""Part of all points below which a plane must be wide to be one."""
+
+SMALL_WIDTH = 3.0
+"""Width of such a plane at least, in largest sphere radii."""
+
+BEHIND = 2.0
+"""Scaled distance behind a plane that is neither noise nor unevenness."""
+
+READINGS_THROUGH = 10
+"""Readings behind a plane at least that separate two surfaces in it."""
+
+FRACTION_THROUGH = 0.3
+"""Part of the readings between two surfaces that must be behind the plane."""
+
+HULL_MARGIN = 0.03
+"""Part of its distance from the sensor by which a place may lie outside a plane's hull and still
+count as on the plane: what is known of a plane ends with the readings. Set by hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,15 +74,14 @@ class DetectedPlane:
     ----------
     normal : (3,) unit vector
     offset : m; points p of the plane satisfy normal · p = offset, which is below zero
-    corners : (n, 3) m, convex hull of the points that were seen on it, counter-clockwise seen
-        against the normal
+    hull : (n, 3) m, convex hull of the readings on it, counter-clockwise seen against the normal
     support : how many of the points given belong to it
     boundary : (k, 3) m, where it ends, so far as its edges were seen; None where none was
     """
 
     normal: NDArray[np.float64]
     offset: float
-    corners: NDArray[np.float64]
+    hull: NDArray[np.float64]
     support: int
     boundary: NDArray[np.float64] | None = None
 
@@ -54,22 +92,22 @@ class DetectedPlane:
 
     @property
     def width(self) -> float:
-        """Largest distance between two of its corners, m."""
-        return float(np.linalg.norm(self.corners[:, None] - self.corners, axis=2).max())
+        """Largest distance between two corners of its hull, m."""
+        return float(np.linalg.norm(self.hull[:, None] - self.hull, axis=2).max())
 
     @cached_property
     def _sides(self) -> NDArray[np.float64]:
-        """Half-spaces (n, 4) of the plane's points p in the outline, outward · p ≤ bound in m, with
+        """Half-spaces (n, 4) of the plane's points p in the hull, outward · p ≤ bound in m, with
         unit vectors outward."""
-        along = np.roll(self.corners, -1, axis=0) - self.corners
+        along = np.roll(self.hull, -1, axis=0) - self.hull
         outward = np.cross(along, self.normal)
         outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-        return np.column_stack([outward, (outward * self.corners).sum(axis=1)])
+        return np.column_stack([outward, (outward * self.hull).sum(axis=1)])
 
     @property
-    def outline_cones(self) -> NDArray[np.float64]:
+    def hull_cones(self) -> NDArray[np.float64]:
         """Half-spaces (n, 4) of unit directions u, normal · u ≤ bound, that rays from the sensor
-        through the outline lie in, or hardly out of.
+        through the hull lie in, or hardly out of.
 
         A ray meets the plane at u o / c, with its offset o and c = n · u. There it lies inside a
         side, outward · p ≤ b + m |p|, where u · (|o| outward + b n) ≤ m |o|.
@@ -77,10 +115,10 @@ class DetectedPlane:
         outward, bounds = self._sides[:, :3], self._sides[:, 3:]
         away = abs(self.offset)
         normals = away * outward + bounds * self.normal
-        return np.column_stack([normals, np.full(len(normals), OUTLINE_MARGIN * away)])
+        return np.column_stack([normals, np.full(len(normals), HULL_MARGIN * away)])
 
-    def outlines(self, places: NDArray[Any]) -> NDArray[np.bool_]:
-        """Which places (n, 3) on the plane lie in its outline, or hardly out of it."""
+    def in_hull(self, places: NDArray[Any]) -> NDArray[np.bool_]:
+        """Which places (n, 3) on the plane lie in its hull, or hardly out of it."""
         inside = np.empty(len(places), dtype=bool)
         _mark_inside(places, self._sides, inside)
         return inside
@@ -91,7 +129,7 @@ def _mark_inside(places: Any, sides: Any, inside: Any) -> None:
     """Mark the places (n, 3) m that lie inside all sides (k, 4), or hardly out of them."""
     for i in range(places.shape[0]):
         x, y, z = places[i, 0], places[i, 1], places[i, 2]
-        margin = OUTLINE_MARGIN * sqrt(x * x + y * y + z * z)
+        margin = HULL_MARGIN * sqrt(x * x + y * y + z * z)
         inside[i] = True
         for k in range(sides.shape[0]):
             side = sides[k]
@@ -109,36 +147,31 @@ def detect_planes(
 ) -> list[DetectedPlane]:
     """Find all planes that hold at least `plane_min_fraction` of the points, largest first.
 
-    Parameters
-    ----------
-    points : (n, 3) m, all finite, the sensor at the origin
-    rng : decides which hypotheses are tried
-    known : (4,) normal and offset in m of each plane that was there before; it stays where it was
-        as long as enough points are near it
+    `points` (n, 3) m, all finite, the sensor at the origin; `known` (4,) normal and offset in m of
+    each plane that was there before; it stays where it was as long as enough points are near it.
     """
     cloud = RangeCloud(points, noise, settings)
-    search = settings.plane_detection
     needed = max(int(settings.plane_min_fraction * len(points)), 3)
-    found = [plane for plane in known if cloud.near(plane).sum() >= needed]
-    fixed = len(found)
+    candidates = [plane for plane in known if cloud.near(plane).sum() >= needed]
+    fixed = len(candidates)
     free = np.ones(len(points), dtype=bool)
-    for there in found:
-        free &= ~cloud.near(there)
+    for candidate in candidates:
+        free &= ~cloud.near(candidate)
     # A plane that is found twice is merged, so a few more searches than planes are allowed.
     for _ in range(2 * settings.max_planes):
-        plane = _best_plane(cloud, np.flatnonzero(free), needed, search, rng)
+        plane = _best_plane(cloud, np.flatnonzero(free), needed, rng)
         if plane is None:
             break
         free &= ~cloud.near(plane)
-        if not _bulges(cloud, plane, settings.max_radius, search):
-            found.append(plane)
-    merged = _apart(cloud, _merge(cloud, found, fixed, search), fixed, search)
-    smallest = search.small_width * settings.max_radius
+        if not _bulges(cloud, plane, settings.max_radius):
+            candidates.append(plane)
+    merged = _apart(cloud, _merge(cloud, candidates, fixed), fixed)
+    smallest = SMALL_WIDTH * settings.max_radius
     planes = [
-        outlined
+        detected
         for k, plane in enumerate(merged)
-        for surface in surfaces(cloud, plane, [*merged[:k], *merged[k + 1 :]], needed, search)
-        if (outlined := _outlined(cloud, plane, surface, smallest, search.small_part)) is not None
+        for surface in surfaces(cloud, plane, [*merged[:k], *merged[k + 1 :]], needed)
+        if (detected := _detected(cloud, plane, surface, smallest)) is not None
     ]
     planes.sort(key=lambda plane: -plane.support)
     return planes[: settings.max_planes]
@@ -148,16 +181,15 @@ def _best_plane(
     cloud: RangeCloud,
     free: NDArray[np.intp],
     needed: int,
-    search: PlaneDetectionSettings,
     rng: np.random.Generator,
 ) -> NDArray[np.float64] | None:
     """Best plane (normal, offset) through the free points, None if it holds too few of them."""
     if free.size < needed:
         return None
-    scored = rng.permutation(free)[: search.scored_points]
+    scored = rng.permutation(free)[:SCORED_POINTS]
     best_score, best = 0.0, None
-    for batch in range(search.batches):
-        triples = _triples(cloud.points[free], search.batch_size, rng, nearby=bool(batch % 2))
+    for batch in range(BATCHES):
+        triples = _triples(cloud.points[free], BATCH_SIZE, rng, nearby=bool(batch % 2))
         hypotheses = _planes_through(triples)
         distances = cloud.scaled_distances(hypotheses, scored)
         # MSAC: a point counts the more the nearer it is, and nothing beyond the tolerance.
@@ -166,7 +198,7 @@ def _best_plane(
             best_score, best = float(scores.max()), hypotheses[int(scores.argmax())]
     if best is None:
         return None
-    refined = _refined(cloud, best, free, search.refinements)
+    refined = _refined(cloud, best, free)
     if cloud.near(refined)[free].sum() < needed:
         return None
     return refined
@@ -206,10 +238,10 @@ def _facing_sensor(planes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _refined(
-    cloud: RangeCloud, plane: NDArray[np.float64], which: NDArray[np.intp], rounds: int
+    cloud: RangeCloud, plane: NDArray[np.float64], which: NDArray[np.intp]
 ) -> NDArray[np.float64]:
     """Least squares over the inliers, weighted by noise, until it stays."""
-    for _ in range(rounds):
+    for _ in range(REFINEMENTS):
         inliers = which[cloud.near(plane, which)]
         if inliers.size < 3:
             return plane
@@ -232,13 +264,12 @@ def _bulges(
     cloud: RangeCloud,
     plane: NDArray[np.float64],
     max_radius: float,
-    search: PlaneDetectionSettings,
 ) -> bool:
     """Whether the plane only cuts off a cap of something round.
 
     Where noise is large the tolerance takes in much of the near side of a ball.
     """
-    inliers = cloud.points[cloud.connected(plane)]
+    inliers = cloud.points[cloud.connected_parts(plane)[0]]
     first, second = plane_axes(plane[:3])
     across = (inliers - inliers.mean(axis=0)) @ np.stack([first, second], axis=1)
     a, b = across.T
@@ -248,31 +279,30 @@ def _bulges(
     solution = np.linalg.lstsq(design, heights, rcond=None)[0]
     left = heights - design @ solution
     explained = 1.0 - left.var() / max(float(heights.var()), 1e-12)
-    radius = search.bulge_radii * max_radius
-    return bool(explained > search.bulge_explained and solution[3] < -1.0 / (2.0 * radius))
+    radius = BULGE_RADII * max_radius
+    return bool(explained > BULGE_EXPLAINED and solution[3] < -1.0 / (2.0 * radius))
 
 
 def _merge(
     cloud: RangeCloud,
     planes: list[NDArray[np.float64]],
     fixed: int,
-    search: PlaneDetectionSettings,
 ) -> list[NDArray[np.float64]]:
     """Join planes that are one: nearly parallel, and the points of one are near the other.
 
     The first `fixed` of them stay as they are.
     """
     merged = planes[:fixed]
-    smallest_cosine = float(np.cos(np.radians(search.merge_angle)))
+    smallest_cosine = float(np.cos(np.radians(MERGE_ANGLE)))
     for plane in planes[fixed:]:
         for k, kept in enumerate(merged):
             if plane[:3] @ kept[:3] < smallest_cosine:
                 continue
-            own = np.flatnonzero(cloud.near(plane))
-            if np.median(np.abs(cloud.scaled_distances(kept, own))) < search.merge_distance:
+            inliers = np.flatnonzero(cloud.near(plane))
+            if np.median(np.abs(cloud.scaled_distances(kept, inliers))) < MERGE_DISTANCE:
                 if k >= fixed:
                     every = np.arange(len(cloud.points))
-                    merged[k] = _refined(cloud, kept, every, search.refinements)
+                    merged[k] = _refined(cloud, kept, every)
                 break
         else:
             merged.append(plane)
@@ -283,7 +313,6 @@ def _apart(
     cloud: RangeCloud,
     planes: list[NDArray[np.float64]],
     fixed: int,
-    search: PlaneDetectionSettings,
 ) -> list[NDArray[np.float64]]:
     """Refine planes without the readings that lie near another one that crosses them.
 
@@ -294,40 +323,39 @@ def _apart(
     parallel, only the half that errs towards it would be left out.
     """
     near = [cloud.near(plane) for plane in planes]
-    largest_cosine = float(np.cos(np.radians(search.merge_angle)))
+    largest_cosine = float(np.cos(np.radians(MERGE_ANGLE)))
     refined = planes[:fixed]
     for plane in planes[fixed:]:
-        own = np.ones(len(cloud.points), dtype=bool)
+        uncrossed = np.ones(len(cloud.points), dtype=bool)
         for other, strip in zip(planes, near, strict=True):
             if abs(plane[:3] @ other[:3]) < largest_cosine:
-                own &= ~strip
-        refined.append(_refined(cloud, plane, np.flatnonzero(own), search.refinements))
+                uncrossed &= ~strip
+        refined.append(_refined(cloud, plane, np.flatnonzero(uncrossed)))
     return refined
 
 
-def _outlined(
+def _detected(
     cloud: RangeCloud,
     plane: NDArray[np.float64],
     surface: NDArray[np.intp],
     smallest: float,
-    small_part: float,
 ) -> DetectedPlane | None:
-    """Give a surface its outline, None if it is no plane of a room.
+    """The plane of a surface, None if it is no plane of a room.
 
     A small part of the scene that is not wide either may be the side of an object, or cut through
     one: what moves must not be taken for it.
     """
     normal, offset = plane[:3], float(plane[3])
-    corners = _outline(cloud.points[surface], normal, offset)
-    if corners is None:
+    hull = _hull_on_plane(cloud.points[surface], normal, offset)
+    if hull is None:
         return None
-    width = np.linalg.norm(corners[:, None] - corners, axis=2).max()
-    if surface.size < small_part * len(cloud.points) and width < smallest:
+    width = np.linalg.norm(hull[:, None] - hull, axis=2).max()
+    if surface.size < SMALL_PART * len(cloud.points) and width < smallest:
         return None
-    return DetectedPlane(normal, offset, corners, int(surface.size))
+    return DetectedPlane(normal, offset, hull, int(surface.size))
 
 
-def _outline(
+def _hull_on_plane(
     points: NDArray[np.float64], normal: NDArray[np.float64], offset: float
 ) -> NDArray[np.float64] | None:
     """Convex hull (n, 3) of points dropped onto a plane, None where they lie on a line."""
@@ -341,28 +369,23 @@ def surfaces(
     plane: NDArray[np.float64],
     others: Sequence[NDArray[np.float64]],
     needed: int,
-    search: PlaneDetectionSettings,
 ) -> list[NDArray[np.intp]]:
     """Return the indices (n,) of the points of each surface in a plane, largest first.
 
-    Parameters
-    ----------
-    plane : (4,) normal and offset in m
-    others : (4,) each, the other planes
-    needed : points that a part must have
+    `plane` (4,) normal and offset in m; `others` (4,) each, the other planes.
     """
     axes = np.column_stack(plane_axes(plane[:3]))
-    found: list[NDArray[np.intp]] = []
+    groups: list[NDArray[np.intp]] = []
     for part in cloud.connected_parts(plane, others):
         if part.size < needed:
             continue
-        for k, surface in enumerate(found):
-            if not _seen_between(cloud, plane, axes, (surface, part), search):
-                found[k] = np.concatenate([surface, part])
+        for k, surface in enumerate(groups):
+            if not _seen_between(cloud, plane, axes, (surface, part)):
+                groups[k] = np.concatenate([surface, part])
                 break
         else:
-            found.append(part)
-    return sorted(found, key=len, reverse=True)
+            groups.append(part)
+    return sorted(groups, key=len, reverse=True)
 
 
 def _seen_between(
@@ -370,7 +393,6 @@ def _seen_between(
     plane: NDArray[np.float64],
     axes: NDArray[np.float64],
     parts: tuple[NDArray[np.intp], NDArray[np.intp]],
-    search: PlaneDetectionSettings,
 ) -> bool:
     """Whether rays go through the plane between two parts of it."""
     hulls = [convex_hull(cloud.points[part] @ axes) for part in (*parts, np.concatenate(parts))]
@@ -378,8 +400,8 @@ def _seen_between(
     feet = cloud.feet(plane, axes, meeting)
     in_first, in_second, in_both = (_inside(hull, feet) for hull in hulls)
     between = meeting[in_both & ~in_first & ~in_second]
-    through = np.count_nonzero(cloud.scaled_distances(plane, between) < -search.behind)
-    return int(through) >= max(search.readings_through, search.fraction_through * between.size)
+    through = np.count_nonzero(cloud.scaled_distances(plane, between) < -BEHIND)
+    return int(through) >= max(READINGS_THROUGH, FRACTION_THROUGH * between.size)
 
 
 def _inside(hull: NDArray[np.float64] | None, places: NDArray[np.float64]) -> NDArray[np.bool_]:

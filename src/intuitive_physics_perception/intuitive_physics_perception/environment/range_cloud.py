@@ -46,10 +46,8 @@ class RangeCloud:
         Noise acts along the ray, so a grazing ray moves a point little away from the plane. Below
         zero beyond the plane, seen from where its normal points.
 
-        Parameters
-        ----------
-        plane : (..., 4) normal and offset in m
-        which : (n,) indices of the points; all of them if not given
+        `plane` (..., 4) normal and offset in m; `which` (n,) indices of the points; all of them if
+        not given.
         """
         along = plane[..., :3] @ self.points[which].T
         cosine = along / self.ranges[which]
@@ -61,24 +59,10 @@ class RangeCloud:
     ) -> NDArray[np.bool_]:
         """Which points, (n,), noise and unevenness let be on a plane.
 
-        Parameters
-        ----------
-        plane : (4,) normal and offset in m
-        which : (n,) indices of the points; all of them if not given
+        `plane` (4,) normal and offset in m; `which` (n,) indices of the points; all of them if not
+        given.
         """
         return np.abs(self.scaled_distances(plane, which)) < 1.0
-
-    def connected(
-        self, plane: NDArray[np.float64], others: Sequence[NDArray[np.float64]] = ()
-    ) -> NDArray[np.intp]:
-        """Indices (n,) of the points near a plane that are seen as one part, the largest.
-
-        Parameters
-        ----------
-        plane : (4,) normal and offset in m
-        others : (4,) each, as in `connected_parts`
-        """
-        return self.connected_parts(plane, others)[0]
 
     def connected_parts(
         self, plane: NDArray[np.float64], others: Sequence[NDArray[np.float64]] = ()
@@ -88,10 +72,7 @@ class RangeCloud:
         Those near one of the other planes too are left out: where two planes cross, a strip of the
         one lies near the other without being part of it.
 
-        Parameters
-        ----------
-        plane : (4,) normal and offset in m
-        others : (4,) each, the other planes
+        `plane` (4,) normal and offset in m; `others` (4,) each, the other planes.
         """
         near = self.near(plane)
         for other in others:
@@ -108,11 +89,8 @@ class RangeCloud:
     ) -> NDArray[np.float64]:
         """Where the rays of readings meet a plane, (n, 2) m in two axes of it.
 
-        Parameters
-        ----------
-        plane : (4,) normal and offset in m
-        axes : (3, 2), of the plane
-        which : (n,) indices of the readings
+        `plane` (4,) normal and offset in m; `axes` (3, 2), of the plane; `which` (n,) indices of
+        the readings.
         """
         points = self.points[which]
         return np.asarray((points @ axes) * (plane[3] / (points @ plane[:3]))[:, None])

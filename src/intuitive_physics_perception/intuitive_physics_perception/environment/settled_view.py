@@ -10,7 +10,21 @@ from numpy.typing import NDArray
 
 from intuitive_physics.kernels import allocating_entry, entry
 from intuitive_physics_perception.environment.noise import CHANGE_SIGMAS, RangeNoise
-from intuitive_physics_perception.environment.settings import RevisionSettings
+
+GONE_TIME = 0.5
+"""Time for which one sees farther than before until what was there is gone, s: a reading that errs
+is over by then."""
+
+COME_TIME = 3.0
+"""Time for which something nearer stays, and is no object, until it is a part of the environment,
+s: people and hands seldom hold still that long."""
+
+CHANGED_PIXELS = 12.0
+"""Side of a square of pixels that a change must fill: the face of a box of 4 cm, the smallest that
+is modelled, at 1.7 m from a camera of 525 pixels focal length."""
+
+OBJECT_MARGIN = 4
+"""Pixels beside an object that are not taken for it."""
 
 ROWS_APART = 4
 """Each frame updates every fourth row, in turn: what settles takes many frames, and a look at all
@@ -28,19 +42,15 @@ class SettledView:
     """What an organised cloud has read in each pixel for some time, and since when.
 
     A pixel is settled while its readings differ by no more than noise explains. Where nothing is
-    read nothing is told, so missing readings neither settle a pixel nor unsettle it.
+    read nothing is known, so missing readings neither settle a pixel nor unsettle it.
 
     Parameters
     ----------
     known : (height, width, 3) m, what the environment was modelled from, NaN where nothing was read
     noise : of the readings
-    settings : what counts as settled, and how large a change must be
     """
 
-    def __init__(
-        self, known: NDArray[np.float32], noise: RangeNoise, settings: RevisionSettings
-    ) -> None:
-        self._settings = settings
+    def __init__(self, known: NDArray[np.float32], noise: RangeNoise) -> None:
         self._limits = np.array(
             [noise.constant**2, noise.quadratic**2, noise.limit**2, 2.0 * CHANGE_SIGMAS**2],
             dtype=np.float32,
@@ -57,19 +67,16 @@ class SettledView:
     ) -> None:
         """Take a frame.
 
-        Parameters
-        ----------
-        points : (height, width, 3) m, NaN where nothing was read
-        time : s
-        objects : pixels (n,) of each object of the frame: they, and those beside them, show no part
-            of the environment
+        `points` (height, width, 3) m, NaN where nothing was read; `time` in s; `objects` (n,)
+        pixels of each object of the frame: they, and those beside them, show no part of the
+        environment.
         """
         _take(points, self._means, self._since, self._counts, self._limits, time, self._next_row)
         self._next_row = (self._next_row + 1) % ROWS_APART
         height, width = points.shape[:2]
         for pixels in objects:
             if pixels.size:
-                _unsettle(self._counts, pixels, height, width, self._settings.object_margin)
+                _unsettle(self._counts, pixels, height, width, OBJECT_MARGIN)
 
     def settled(self, time: float) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Return what has settled elsewhere, and what was known where nothing has.
@@ -77,14 +84,8 @@ class SettledView:
         What is farther than before is seen through what was there, which takes less time to believe
         than something nearer, which may go on again.
 
-        Parameters
-        ----------
-        time : s, of the last frame
-
-        Returns
-        -------
-        points : (height, width, 3) m
-        changed : (height, width) which of them have settled elsewhere than was known
+        `time` in s, of the last frame. Returns `points` (height, width, 3) m; `changed` (height,
+        width) which of them have settled elsewhere than was known.
         """
         changes = _changes(
             self._means,
@@ -103,9 +104,7 @@ class SettledView:
 
         Edges that waver are one or two pixels wide, so a change must fill a square of pixels.
 
-        Parameters
-        ----------
-        time : s, of the last frame
+        `time` in s, of the last frame.
         """
         from scipy.ndimage import binary_erosion
 
@@ -118,16 +117,14 @@ class SettledView:
             self._times(time),
             ROWS_APART,
         )
-        side = max(1, round(self._settings.changed_pixels / ROWS_APART))
+        side = max(1, round(CHANGED_PIXELS / ROWS_APART))
         blobs = binary_erosion(changes > 0, np.ones((side, side), dtype=bool))
         return bool(blobs.any())
 
     def know(self, points: NDArray[np.float32]) -> None:
         """Take what the environment has been modelled from again.
 
-        Parameters
-        ----------
-        points : (height, width, 3) m, NaN where nothing was read
+        `points` (height, width, 3) m, NaN where nothing was read.
         """
         self._known = points.copy()
 
@@ -137,14 +134,14 @@ class SettledView:
 
     def _times(self, time: float) -> NDArray[np.float64]:
         """Times since which a pixel is settled that reads farther, and that reads nearer."""
-        return np.array([time - self._settings.gone_time, time - self._settings.come_time])
+        return np.array([time - GONE_TIME, time - COME_TIME])
 
 
 @entry
 def _take(
     points: Any, means: Any, since: Any, counts: Any, limits: Any, time: float, first: int
 ) -> None:
-    """Go on with the means of pixels whose readings stay; begin anew where they do not."""
+    """Go on with the means of pixels whose readings stay; start again where they do not."""
     for v in range(first, points.shape[0], ROWS_APART):
         for u in range(points.shape[1]):
             x, y, z = points[v, u, 0], points[v, u, 1], points[v, u, 2]
@@ -171,7 +168,7 @@ def _take(
 
 @entry
 def _unsettle(counts: Any, pixels: Any, height: int, width: int, margin: int) -> None:
-    """Let pixels (n,) and those up to `margin` beside them begin anew."""
+    """Let pixels (n,) and those up to `margin` beside them start again."""
     for pixel in pixels:
         v, u = pixel // width, pixel % width
         for i in range(max(0, v - margin), min(height, v + margin + 1)):

@@ -18,8 +18,39 @@ from intuitive_physics_perception.detection.spheres import SphereFinder
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.environment.fusion import MAX_EDGE_POINTS, fused_frame
 from intuitive_physics_perception.environment.range_cloud import convex_hull
-from intuitive_physics_perception.environment.settings import StaticBoxSettings
 from intuitive_physics_perception.settings import PerceptionSettings
+
+MIN_SIZE = 0.04
+"""Longest edge of a box at least, m: what is smaller is what noise left of an edge."""
+
+MIN_THICKNESS = 0.02
+"""Thickness of a box at least, m: what is seen of a thinner one is its face. Two edges below that
+are an edge of something or noise, and no box."""
+
+RAYS_THROUGH = 30
+"""Rays under something by which one sees that it does not stand there."""
+
+OUTSIDE_FRACTION = 0.01
+"""Part of the points that may lie outside at each face, as flying pixels do."""
+
+STANDING_GAP = 0.1
+"""Distance between a floor and the lowest reading of what is taken to stand on it, m."""
+
+LEVEL_ANGLE = 10.0
+"""Tilt of a plane at most on which boxes stand, degrees."""
+
+FILLED_DIAGONAL = 0.4
+"""Part of a box's diagonal that a cluster must extend over to be the box: what is smaller may be an
+object before or within a rough box."""
+
+STRAY_FRACTION = 0.005
+"""Part of the readings on a box that noise puts outside of it."""
+
+CHECKED_POINTS = 1500
+"""Readings of a cluster that are checked at most."""
+
+SAME_PART = 0.2
+"""Part of its diagonal by which a box that is seen again may differ in place and edges."""
 
 
 def with_static_boxes(
@@ -31,10 +62,8 @@ def with_static_boxes(
 ) -> EnvironmentModel:
     """Return a model with a box around all that stands still and is no object.
 
-    Parameters
-    ----------
-    frames : each (height, width, 3) m, those the model was made from
-    known : boxes that were there before: what still stands as it did keeps its place and its id
+    `frames` (height, width, 3) m each, those the model was made from; `known`: boxes that were
+    there before: what still stands as it did keeps its place and its id.
     """
     frame = np.ascontiguousarray(fused_frame(frames, MAX_EDGE_POINTS), dtype=np.float32)
     clusters = ForegroundFinder(model, settings).find(frame)
@@ -47,34 +76,32 @@ def with_static_boxes(
             continue
         box = _box_around(f"box_{len(boxes)}", model, points[indices], settings)
         if box is not None:
-            boxes.append(_down_to_floor(box, model, points, settings.static_box_fit))
+            boxes.append(_down_to_floor(box, model, points))
     if settings.solids_are_objects:
         boxes = _without_objects(boxes, model, frames, settings, rng)
-    boxes = _as_known(boxes, known, settings.static_box_fit.same_part)
+    boxes = _as_known(boxes, known)
     old = model.environment
     environment = Environment(old.planes, boxes, old.gravity, old.frame_id, old.air_density)
     return replace(model, environment=environment)
 
 
-def _as_known(
-    boxes: Sequence[StaticBox], known: Sequence[StaticBox], same_part: float
-) -> list[StaticBox]:
+def _as_known(boxes: Sequence[StaticBox], known: Sequence[StaticBox]) -> list[StaticBox]:
     """Boxes of which those that are known already stay as they were, and the others get new ids.
 
     Two are the same when centres and edges differ by no more than a part of the diagonal.
     """
     number = 1 + max((int(box.id.rsplit("_", 1)[1]) for box in known), default=-1)
-    left, found = list(known), []
+    left, results = list(known), []
     for box in boxes:
-        same = [old for old in left if _difference(box, old) < same_part]
+        same = [old for old in left if _difference(box, old) < SAME_PART]
         if same:
             nearest = min(same, key=lambda old: _difference(box, old))
             left.remove(nearest)
-            found.append(nearest)
+            results.append(nearest)
         else:
-            found.append(replace(box, id=f"box_{number}"))
+            results.append(replace(box, id=f"box_{number}"))
             number += 1
-    return found
+    return results
 
 
 def _difference(box: StaticBox, other: StaticBox) -> float:
@@ -118,21 +145,19 @@ def _box_around(
     do.
     """
     places = model.to_environment(points)
-    limits = settings.static_box_fit
-    rectangle = _smallest_rectangle(places[:, :2], limits.outside_fraction)
+    rectangle = _smallest_rectangle(places[:, :2])
     if rectangle is None:
         return None
     middle, turn, size = rectangle
-    outside = limits.outside_fraction
-    low, high = np.quantile(places[:, 2], [outside, 1.0 - outside])
-    low = _floor_below(model, np.append(middle, low), limits)
+    low, high = np.quantile(places[:, 2], [OUTSIDE_FRACTION, 1.0 - OUTSIDE_FRACTION])
+    low = _floor_below(model, np.append(middle, low))
     edges = np.append(size, high - low)
     thinnest, second, longest = np.sort(edges)
-    if not limits.min_size <= longest <= settings.static_box_max_size or thinnest <= 0.0:
+    if not MIN_SIZE <= longest <= settings.static_box_max_size or thinnest <= 0.0:
         return None
-    if second < limits.min_thickness:
+    if second < MIN_THICKNESS:
         return None
-    center, edges = _thickened(np.append(middle, 0.5 * (low + high)), edges, turn, model, limits)
+    center, edges = _thickened(np.append(middle, 0.5 * (low + high)), edges, turn, model)
     # A turn about z.
     orientation = (0.0, 0.0, np.sin(0.5 * turn), np.cos(0.5 * turn))
     return StaticBox(name, settings.plane_material, center, orientation, edges)
@@ -143,36 +168,33 @@ def _thickened(
     edges: NDArray[np.float64],
     turn: float,
     model: EnvironmentModel,
-    limits: StaticBoxSettings,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Centre and edges (3,) of a box that is at least `min_thickness` thick: what is seen of a
+    """Centre and edges (3,) of a box that is at least `MIN_THICKNESS` thick: what is seen of a
     thinner one is a face, and it goes on behind that."""
     c, s = np.cos(turn), np.sin(turn)
     axes = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     center, edges = center.copy(), edges.copy()
     for axis, k in zip(axes, range(3), strict=True):
-        missing = limits.min_thickness - edges[k]
+        missing = MIN_THICKNESS - edges[k]
         if missing > 0.0:
             away = np.sign(axis @ (center - model.translation)) or 1.0
             center += 0.5 * missing * away * axis
-            edges[k] = limits.min_thickness
+            edges[k] = MIN_THICKNESS
     return center, edges
 
 
 def _down_to_floor(
-    box: StaticBox, model: EnvironmentModel, points: NDArray[np.float32], limits: StaticBoxSettings
+    box: StaticBox, model: EnvironmentModel, points: NDArray[np.float32]
 ) -> StaticBox:
     """The box on the level plane below it, where one cannot see that nothing is between: what
     stands still in the air is the top of something.
 
-    Parameters
-    ----------
-    points : (n, 3) m, all that was read, NaN where nothing was
+    `points` (n, 3) m, all that was read, NaN where nothing was.
     """
     top = float(box.center[2] + 0.5 * box.edge_lengths[2])
     bottom = float(box.center[2] - 0.5 * box.edge_lengths[2])
-    floors = [height for height in _floors_at(model, box.center, limits) if height < bottom]
-    if not floors or bottom - max(floors) <= limits.min_thickness:
+    floors = [height for height in _floors_at(model, box.center) if height < bottom]
+    if not floors or bottom - max(floors) <= MIN_THICKNESS:
         return box
     edges = np.append(box.edge_lengths[:2], top - max(floors))
     center = np.append(box.center[:2], 0.5 * (top + max(floors)))
@@ -182,10 +204,8 @@ def _down_to_floor(
         edge_lengths=np.append(0.8 * edges[:2], 0.8 * (bottom - max(floors))),
     )
     # What is known again by how far it extends must not be mostly unseen.
-    seen = float(np.linalg.norm(box.edge_lengths) / np.linalg.norm(edges))
-    if seen < 1.5 * limits.filled_diagonal or (
-        _rays_through(gap, model, points) >= limits.rays_through
-    ):
+    seen_part = float(np.linalg.norm(box.edge_lengths) / np.linalg.norm(edges))
+    if seen_part < 1.5 * FILLED_DIAGONAL or (_rays_through(gap, model, points) >= RAYS_THROUGH):
         return box
     return replace(box, center=center, edge_lengths=edges)
 
@@ -204,7 +224,7 @@ def _rays_through(box: StaticBox, model: EnvironmentModel, points: NDArray[np.fl
 
 
 def _smallest_rectangle(
-    places: NDArray[np.float64], outside: float
+    places: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], float, NDArray[np.float64]] | None:
     """Centre (2,), angle and edge lengths (2,) of the smallest rectangle around most places (n, 2).
 
@@ -217,30 +237,24 @@ def _smallest_rectangle(
     for along in np.roll(hull, -1, axis=0) - hull:
         turn = float(np.arctan2(along[1], along[0]))
         axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-        low, high = np.quantile(places @ axes.T, [outside, 1.0 - outside], axis=0)
+        low, high = np.quantile(places @ axes.T, [OUTSIDE_FRACTION, 1.0 - OUTSIDE_FRACTION], axis=0)
         area = float((high - low).prod())
         if area < least:
             best, least = (0.5 * (low + high) @ axes, turn, high - low), area
     return best
 
 
-def _floor_below(
-    model: EnvironmentModel, lowest: NDArray[np.float64], limits: StaticBoxSettings
-) -> float:
+def _floor_below(model: EnvironmentModel, lowest: NDArray[np.float64]) -> float:
     """Height of the level plane little below a place (3,), or of the place itself."""
     below = [
-        height
-        for height in _floors_at(model, lowest, limits)
-        if abs(lowest[2] - height) < limits.standing_gap
+        height for height in _floors_at(model, lowest) if abs(lowest[2] - height) < STANDING_GAP
     ]
     return max(below, default=float(lowest[2]))
 
 
-def _floors_at(
-    model: EnvironmentModel, place: NDArray[np.float64], limits: StaticBoxSettings
-) -> list[float]:
+def _floors_at(model: EnvironmentModel, place: NDArray[np.float64]) -> list[float]:
     """Heights of the level planes above and below a place (3,), m."""
-    smallest_cosine = float(np.cos(np.radians(limits.level_angle)))
+    smallest_cosine = float(np.cos(np.radians(LEVEL_ANGLE)))
     return [
         float(place[2] - plane.signed_distances(place) / plane.normal[2])
         for plane in model.environment.planes
@@ -274,17 +288,20 @@ class StaticBoxFilter:
     def _is_box(self, points: NDArray[np.float32], cluster: NDArray[np.int64]) -> bool:
         """Whether too few of a cluster's points for an object lie out of boxes of which it fills
         one: boxes that touch make one cluster."""
-        limits = self._settings.static_box_fit
-        every = len(cluster) // limits.checked_points + 1
-        own = points[cluster[::every]].astype(np.float64)
-        deviations = self._model.noise.deviation(np.linalg.norm(own, axis=1))
+        every = len(cluster) // CHECKED_POINTS + 1
+        readings = points[cluster[::every]].astype(np.float64)
+        deviations = self._model.noise.deviation(np.linalg.norm(readings, axis=1))
         margins = self._settings.plane_tolerance + self._settings.plane_sigmas * deviations
         out, extents = _outside_boxes(
-            self._model.to_environment(own), margins, self._centers, self._rotations, self._halves
+            self._model.to_environment(readings),
+            margins,
+            self._centers,
+            self._rotations,
+            self._halves,
         )
         diagonals = 2.0 * np.linalg.norm(self._halves, axis=1)
-        fills = bool((extents > limits.filled_diagonal * diagonals).any())
-        allowed = self._settings.min_points + limits.stray_fraction * len(cluster)
+        fills = bool((extents > FILLED_DIAGONAL * diagonals).any())
+        allowed = self._settings.min_points + STRAY_FRACTION * len(cluster)
         return fills and every * out < allowed
 
 

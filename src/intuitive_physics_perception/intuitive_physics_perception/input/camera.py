@@ -133,10 +133,8 @@ class Intrinsics:
 def check_invertible(x: NDArray[np.float64], y: NDArray[np.float64], terms: ArrayLike) -> None:
     """Refuse a distortion that is that of no lens.
 
-    Parameters
-    ----------
-    x, y : (...,) distorted points all over the image, at z = 1
-    terms : (n,) as of `undistorted`
+    `x` (...,) and `y` (...,) distorted points all over the image, at z = 1; `terms` (n,) as of
+    `undistorted`.
 
     Raises
     ------
@@ -158,10 +156,8 @@ def undistorted(
 
     Where the lens model cannot be inverted, at the rim of wide lenses if at all, both are NaN.
 
-    Parameters
-    ----------
-    x_distorted, y_distorted : (...,) points of the image at z = 1
-    terms : (n,) k1, k2, p1, p2 and, where there are more, k3, k4, k5, k6
+    `x_distorted` (...,) and `y_distorted` (...,) points of the image at z = 1; `terms` (n,) k1, k2,
+    p1, p2 and, where there are more, k3, k4, k5, k6.
     """
     k = np.zeros(8)
     k[: np.size(terms)] = terms

@@ -1,15 +1,13 @@
-"""Colours of readings, where the sensor has them, and of detections."""
+"""Colours of readings, where the sensor has them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_perception.detection.detections import DetectedSphere, Detection
 from intuitive_physics_perception.input.point_cloud import Field
 from intuitive_physics_perception.input.raw_data import RawData, checked_bytes
 
@@ -24,9 +22,6 @@ CHANNELS: dict[str, tuple[int, tuple[int, int, int]]] = {
 
 PACKED_FIELDS, PACKED_TYPES = ("rgb", "rgba"), (6, 7)
 """Fields of a cloud that hold 0xAARRGGBB, as UINT32 or as the bits of a FLOAT32."""
-
-ON_SPHERE = 1.15
-"""Radii from a sphere's centre within which a reading of its cluster shows its colour."""
 
 
 def colors_from_image_data(
@@ -92,19 +87,3 @@ def colors_from_cloud_data(
             # Little-endian: blue comes first.
             return packed[:, :, 2::-1]
     return None
-
-
-def with_color(
-    detection: Detection, points: NDArray[np.float32], colors: NDArray[np.uint8]
-) -> Detection:
-    """Return a detection with the mean colour of the readings on it.
-
-    Parameters
-    ----------
-    points, colors : (n, 3) and (n, 3) of the cluster it was found in
-    """
-    own = colors
-    if isinstance(detection, DetectedSphere):
-        away = np.linalg.norm(points - detection.center, axis=1)
-        own = colors[away < ON_SPHERE * detection.radius]
-    return replace(detection, color=own.mean(axis=0) / 255.0) if len(own) else detection

@@ -34,16 +34,9 @@ def depth_from_compressed_data(data: RawData, image_format: str) -> NDArray[Any]
     with A and B from the header, and zero is a missing reading. Such are the source and the
     documentation of compressed_depth_image_transport.
 
-    Parameters
-    ----------
-    data : the header of 12 bytes, then a PNG, or columns, rows and RVL's words
-    image_format : such as "16UC1; compressedDepth png" or "32FC1; compressedDepth rvl"; without
-        its last word it is PNG
-
-    Returns
-    -------
-    ndarray
-        (height, width), uint16 in mm or float32 in m
+    `data`: the header of 12 bytes, then a PNG, or columns, rows and RVL's words; `image_format`:
+    such as "16UC1; compressedDepth png" or "32FC1; compressedDepth rvl"; without its last word it
+    is PNG. Returns (height, width), uint16 in mm or float32 in m.
 
     Raises
     ------
@@ -71,10 +64,6 @@ def depth_from_compressed_data(data: RawData, image_format: str) -> NDArray[Any]
 
 def colors_from_compressed_data(data: RawData) -> NDArray[np.uint8]:
     """Return red, green and blue, (height, width, 3), of a CompressedImage of colours.
-
-    Parameters
-    ----------
-    data : a JPEG or a PNG, in any colours
 
     Raises
     ------
@@ -159,10 +148,7 @@ def unpack_rvl(words: Any, count: Any) -> Any:
     to the one before, 0, -1, 1, -2, … written as 0, 1, 2, 3, …; numbers are groups of three bits,
     the lowest first, with a fourth that says whether another follows.
 
-    Parameters
-    ----------
-    words : (n,) uint32, eight groups each, the first in the highest bits
-    count : of the pixels
+    `words` (n,) uint32, eight groups each, the first in the highest bits.
     """
     pixels = np.zeros(count, dtype=np.uint16)
     state = np.zeros(1, dtype=np.int64)

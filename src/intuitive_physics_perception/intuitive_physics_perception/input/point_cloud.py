@@ -39,8 +39,8 @@ def points_from_cloud_data(
 ) -> NDArray[np.float32]:
     """Return the frame of points, (height, width, 3), of the raw data of a PointCloud2 message.
 
-    Fields other than x, y, z are skipped; x, y, z may come in any order, each float32 or float64.
-    A point with a coordinate that is not finite, or with zeros in all three as some drivers write
+    Fields other than x, y, z are skipped; x, y, z may come in any order, each float32 or float64. A
+    point with a coordinate that is not finite, or with zeros in all three as some drivers write
     where nothing was read, is NaN in all three.
 
     Raises
@@ -84,15 +84,15 @@ def points_from_cloud_data(
 
 def _coordinates(fields: Sequence[Field], point_step: int) -> list[Field]:
     """Return the fields of x, y and z after checking that they can be read."""
-    known = {field.name: field for field in fields}
-    missing = [name for name in "xyz" if name not in known]
+    by_name = {field.name: field for field in fields}
+    missing = [name for name in "xyz" if name not in by_name]
     if missing:
         raise InvalidInputError(
-            f"cloud has the fields {sorted(known)!s:.200}; expected x, y and z "
+            f"cloud has the fields {sorted(by_name)!s:.200}; expected x, y and z "
             f"({', '.join(missing)} missing)"
         )
     for name in "xyz":
-        field = known[name]
+        field = by_name[name]
         if field.datatype not in FIELD_TYPES or field.count not in (0, 1):
             raise InvalidInputError(
                 f"field {name} of the cloud has datatype {field.datatype} and count {field.count}; "
@@ -104,7 +104,7 @@ def _coordinates(fields: Sequence[Field], point_step: int) -> list[Field]:
                 f"field {name} of the cloud lies at bytes {field.offset} to {end} of a point; "
                 f"expected them within its {point_step} bytes"
             )
-    return [known[name] for name in "xyz"]
+    return [by_name[name] for name in "xyz"]
 
 
 @entry

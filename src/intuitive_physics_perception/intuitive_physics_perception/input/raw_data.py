@@ -28,11 +28,8 @@ def checked_bytes(
 ) -> NDArray[np.uint8]:
     """Return data as read-only bytes (n,) after checking that they hold what the header says.
 
-    Parameters
-    ----------
-    width, height : pixels
-    pixel_step, row_step : bytes from one pixel, or row, to the next
-    what : "image" or "cloud", for messages
+    `width` and `height` in pixels; `pixel_step` and `row_step` in bytes from one pixel, or row, to
+    the next.
 
     Raises
     ------

@@ -130,9 +130,7 @@ class FrameInput:
     def stop(self, patience: float) -> bool:
         """End the thread once the frame under way is done; return whether it has ended.
 
-        Parameters
-        ----------
-        patience : s to wait for it at most
+        `patience` in s to wait for it at most.
         """
         return self._worker.stop(patience)
 
@@ -249,10 +247,7 @@ class ColorInput:
     def of_frame(self, header: Header, points: NDArray[np.float32]) -> NDArray[np.uint8] | None:
         """Return the colours (height, width, 3) of a frame, None where there are none.
 
-        Parameters
-        ----------
-        header : of the frame
-        points : (height, width, 3) m
+        `points` (height, width, 3) m.
         """
         time = seconds_from_stamp(header.stamp)
         for stamp, colors in list(self._newest):

@@ -41,14 +41,7 @@ class FrameWorker(Generic[Item]):
     def stop(self, patience: float | None = None) -> bool:
         """End the thread once the item under way is done; those that wait are dropped.
 
-        Parameters
-        ----------
-        patience : s to wait for it at most; None: no limit
-
-        Returns
-        -------
-        bool
-            Whether it has ended.
+        `patience` in s to wait for it at most; None: no limit. Returns whether it has ended.
         """
         with self._changed:
             self._stopping = True

@@ -98,7 +98,7 @@ PARAMETERS = [
     Parameter(
         "fixed_frame",
         "",
-        "frame that stands still, such as map or odom, in which tf tells where a sensor is that "
+        "frame that stands still, such as map or odom, in which tf has the pose of a sensor that "
         "moves, at the time of each frame; empty: the sensor stands still",
     ),
     Parameter(
@@ -129,7 +129,7 @@ class PerceptionNode(ManagedNode):
         super().__init__("perception_node", PARAMETERS, warm_up)
 
     def configure(self) -> None:
-        """Make the pipeline, which knows nothing yet, and what tells of its environment."""
+        """Make the pipeline, which has no environment yet, and the environment's publishers."""
         values = self.values()
         settings = settings_from_values(values | {FRAME: self._frame_id(values[FRAME])})
         self._revision = ThreadPoolExecutor(1, "revision of the environment")
@@ -147,7 +147,7 @@ class PerceptionNode(ManagedNode):
         self._frame = PublishedFrame(values["target_frame"] or self._fixed.name)
 
     def activate(self) -> None:
-        """Hear frames and publish what is seen in them."""
+        """Subscribe to frames and publish what is perceived in them."""
         values = self.values()
         self._states = self.create_publisher(
             ObjectStates, OBJECT_STATES, copy(STREAM), qos_overriding_options=QOS_OVERRIDES
@@ -219,13 +219,13 @@ class PerceptionNode(ManagedNode):
         )
 
     def _make_imu(self, orientation: list[float]) -> None:
-        self._accelerometer = RestingAccelerometer(self._pipeline.settings.rest)
+        self._accelerometer = RestingAccelerometer()
         if len(orientation) != 4:
             raise InvalidInputError(
                 f"imu_orientation has {len(orientation)} numbers; expected x, y, z and w"
             )
-        known = unit_quaternion(orientation, "imu_orientation") if any(orientation) else None
-        imu = ImuInput(self, "~/imu", lambda: self._sensor_frame, self._on_imu, known)
+        rotation = unit_quaternion(orientation, "imu_orientation") if any(orientation) else None
+        imu = ImuInput(self, "~/imu", lambda: self._sensor_frame, self._on_imu, rotation)
         self.diagnostics.add("imu", imu.monitor.check)
 
     def _on_imu(
@@ -306,9 +306,9 @@ class PerceptionNode(ManagedNode):
                 )
 
     def _publish_states(self, header: Header, result: FrameResult) -> None:
-        objects = [seen.object for seen in result.objects]
-        states = [self._frame.state(seen.state) for seen in result.objects]
-        detections = [self._frame.detection(seen.detection) for seen in result.objects]
+        objects = [item.object for item in result.objects]
+        states = [self._frame.state(item.state) for item in result.objects]
+        detections = [self._frame.detection(item.detection) for item in result.objects]
         name = self._frame.name
         self._states.publish(
             object_states_to_message(
@@ -316,12 +316,12 @@ class PerceptionNode(ManagedNode):
             )
         )
         if self._detections is not None:
-            own = Header(stamp=header.stamp, frame_id=name)
-            self._detections.publish(detections_to_message(objects, states, own))
+            place = Header(stamp=header.stamp, frame_id=name)
+            self._detections.publish(detections_to_message(objects, states, place))
 
     def _publish_observations(self, observations: tuple[Observation, ...]) -> None:
         for observation in observations:
-            names = ", ".join(seen.object.id for seen in observation.objects)
+            names = ", ".join(item.object.id for item in observation.objects)
             if not self._frame.is_known:
                 self.get_logger().warning(f"observed {names}, which is lost: {self._frame.problem}")
                 continue
@@ -337,17 +337,17 @@ class PerceptionNode(ManagedNode):
         model = result.model
         if model is None:
             return
-        own = Header(stamp=header.stamp, frame_id=model.environment.frame_id)
-        objects = [seen.object for seen in result.objects]
-        states = [seen.state for seen in result.objects]
-        colors = [seen.color for seen in result.objects]
+        place = Header(stamp=header.stamp, frame_id=model.environment.frame_id)
+        objects = [item.object for item in result.objects]
+        states = [item.state for item in result.objects]
+        colors = [item.color for item in result.objects]
         self._markers.publish(
             MarkerArray(
                 markers=[
                     clearing_marker(),
                     *environment_markers(model.seen_environment(), header.stamp),
-                    *object_markers(objects, states, own, colors=colors),
-                    *name_markers(objects, states, own, -model.environment.gravity),
+                    *object_markers(objects, states, place, colors=colors),
+                    *name_markers(objects, states, place, -model.environment.gravity),
                     gravity_marker(model.environment, header.stamp),
                 ]
             )

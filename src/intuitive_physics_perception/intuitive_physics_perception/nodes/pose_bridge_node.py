@@ -153,7 +153,7 @@ class PoseBridgeNode(ManagedNode):
         self._environment = EnvironmentPublisher(self)
 
     def activate(self) -> None:
-        """Hear poses and publish what follows from them."""
+        """Subscribe to poses and publish states and observations."""
         values = self.values()
         self._noise = values["position_noise"] ** 2, values["orientation_noise"] ** 2
         self._states = self.create_publisher(
@@ -199,12 +199,12 @@ class PoseBridgeNode(ManagedNode):
         del self._tracker
 
     def _hear_topics(self, wanted: str) -> None:
-        for one, kind in (
+        for name_of_kind, kind in (
             (POSE, PoseStamped),
             (POSE_WITH_COVARIANCE, PoseWithCovarianceStamped),
             (TRANSFORM, TransformStamped),
         ):
-            if one != wanted:
+            if name_of_kind != wanted:
                 continue
             for name in self._names:
                 rule = f"-r '~/{name}/pose:=/TOPIC'"
@@ -261,13 +261,13 @@ class PoseBridgeNode(ManagedNode):
         else:
             monitor.accepted()
 
-    def _collect(self, name: str, header: Header, seen: MeasuredPose) -> None:
+    def _collect(self, name: str, header: Header, pose: MeasuredPose) -> None:
         """Track the poses of one stamp together, as soon as all have come that came last time."""
         if self._frame is not None and self._frame[0].stamp != header.stamp:
             self._track()
         if self._frame is None:
             self._frame = Header(stamp=header.stamp, frame_id=self._frame_id), {}
-        self._frame[1][name] = seen
+        self._frame[1][name] = pose
         if self._frame[1].keys() >= self._expected:
             self._track()
 
@@ -316,7 +316,7 @@ class PoseBridgeNode(ManagedNode):
     def _publish_observations(self, observations: tuple[Observation, ...]) -> None:
         for observation in observations:
             self._observations.publish(observation_to_message(observation))
-            names = ", ".join(seen.object.id for seen in observation.objects)
+            names = ", ".join(item.object.id for item in observation.objects)
             self.get_logger().info(f"observed {names}")
 
     def _on_marker_tick(self) -> None:

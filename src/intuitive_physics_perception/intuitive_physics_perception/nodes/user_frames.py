@@ -30,7 +30,7 @@ a second, and the image of the next frame is not to be lost meanwhile."""
 
 
 class FixedFrame:
-    """Tells where the sensor is at each frame, and hangs environments where they stand still.
+    """Looks up the pose of the sensor at each frame, and publishes the frames of environments.
 
     Parameters
     ----------
@@ -50,14 +50,10 @@ class FixedFrame:
     def sensor_pose(self, sensor: Header) -> RigidTransform | None:
         """Return where the sensor is at the time of a frame; None where it stands still.
 
-        Parameters
-        ----------
-        sensor : header of the frame
-
         Raises
         ------
         UnknownTransformError
-            When tf does not tell within the patience that a frame has.
+            When tf does not know it within the patience that a frame has.
         """
         if self._transforms is None:
             return None
@@ -79,12 +75,7 @@ class FixedFrame:
     ) -> None:
         """Publish where an environment's frame is: below this frame, or else below the sensor's.
 
-        Parameters
-        ----------
-        publisher : of transforms
-        model : of the environment
-        sensor : header of the frame
-        pose : of the sensor at its time in this frame; None where it stands still
+        `pose`: of the sensor at its time in this frame; None where it stands still.
         """
         parent, parent_pose = sensor, model.sensor_pose
         if pose is not None:
@@ -121,9 +112,9 @@ class _Placement:
 class PublishedFrame:
     """Environments, states and observations in the frame in which they are published.
 
-    With a target frame, nothing is published until tf tells where the camera is in it. When it has
+    With a target frame, nothing is published until tf knows where the camera is in it. When it has
     moved against the camera by more than the noise of the readings, the environment is placed
-    anew, so that environment and states always fit together. Velocities are those against the
+    again, so that environment and states always fit together. Velocities are those against the
     environment, also where the frame moves.
 
     Parameters
@@ -138,18 +129,12 @@ class PublishedFrame:
         self._problem = ""
 
     def listen(self, transforms: Transforms | None) -> None:
-        """Take what tells of transforms, which a target frame needs."""
+        """Set the source of transforms, used only where a target frame is named."""
         if self._target:
             self._transforms = transforms
 
     def follow(self, camera: Header, model: EnvironmentModel) -> bool:
-        """Look where the frame is now; return whether the environment is to be published.
-
-        Parameters
-        ----------
-        camera : header of the frame that is processed
-        model : of the environment
-        """
+        """Look where the frame is now; return whether the environment is to be published."""
         old = self._placement
         same = old is not None and old.model.environment is model.environment
         if same and self._transforms is None:
@@ -178,8 +163,12 @@ class PublishedFrame:
     def environment(self) -> Environment:
         """Return the environment of the newest model; only where the frame is known."""
         placed = self._known()
-        own = placed.model.environment
-        return environment_in(own, self.name, placed.from_environment) if self._target else own
+        environment = placed.model.environment
+        return (
+            environment_in(environment, self.name, placed.from_environment)
+            if self._target
+            else environment
+        )
 
     def state(self, state: ObjectState) -> ObjectState:
         """Return a state of the newest model's environment; only where the frame is known."""

@@ -40,13 +40,9 @@ def described_objects(
 ) -> tuple[TaggedObject, ...]:
     """Return the objects that lists describe, which have one entry for each object.
 
-    Parameters
-    ----------
-    names : unique
-    shapes : such as "sphere 0.05", "box 0.1 0.2 0.3" or "capsule 0.03 0.2", m
-    materials : names
-    offsets : x y z, or x y z and a quaternion qx qy qz qw, of the object's centre in the frame
-        whose pose is measured, m; empty text: the same frame
+    `shapes`: such as "sphere 0.05", "box 0.1 0.2 0.3" or "capsule 0.03 0.2", m; `offsets`: x y z,
+    or x y z and a quaternion qx qy qz qw, of the object's centre in the frame whose pose is
+    measured, m; empty text: the same frame.
 
     Raises
     ------
@@ -75,8 +71,10 @@ def shape_from_text(text: str) -> Shape:
     kind, *rest = text.split() or [""]
     numbers = _numbers(rest, f"shape {text!r}")
     if kind not in SHAPES or len(numbers) != len(SHAPES[kind]):
-        known = " or ".join(f"{name!r} and {', '.join(own)}" for name, own in SHAPES.items())
-        raise InvalidInputError(f"shape is {text!r}; expected {known} in m")
+        kinds = " or ".join(
+            f"{name!r} and {', '.join(numbers_of_kind)}" for name, numbers_of_kind in SHAPES.items()
+        )
+        raise InvalidInputError(f"shape is {text!r}; expected {kinds} in m")
     if kind == "sphere":
         return Sphere(*numbers)
     if kind == "capsule":
@@ -103,11 +101,7 @@ def _numbers(words: Sequence[str], what: str) -> list[float]:
 def floor_environment(frame_id: str, height: float, material: str) -> Environment:
     """Return a floor without an edge, with z up.
 
-    Parameters
-    ----------
-    frame_id : name of the frame it is in
-    height : m, its z
-    material : its name
+    `height` in m, its z.
     """
     return Environment([Plane("floor", material, (0, 0, 1), height)], frame_id=frame_id)
 

@@ -67,10 +67,10 @@ class PoseTracker:
         if not objects:
             raise InvalidInputError("no objects are followed by their poses; expected at least one")
         self._environment = environment
-        self._tagged = {one.object.id: one for one in objects}
+        self._tagged = {item.object.id: item for item in objects}
         if len(self._tagged) != len(objects):
             raise InvalidInputError(
-                f"objects have the ids {[one.object.id for one in objects]}; expected each once"
+                f"objects have the ids {[item.object.id for item in objects]}; expected each once"
             )
         self._settings = settings or PerceptionSettings()
         self._time = -np.inf
@@ -83,17 +83,8 @@ class PoseTracker:
     ) -> tuple[bool, tuple[Observation, ...]]:
         """Take the poses of one time; objects without one are carried on.
 
-        Parameters
-        ----------
-        time : s; an earlier one than the last begins anew
-        poses : by the objects' ids
-
-        Returns
-        -------
-        bool
-            Whether time has gone back, so that all begins anew.
-        tuple
-            Observations of motions that are over.
+        `time` in s; an earlier one than the last begins again. Returns whether time has gone
+        back, so that all begins again, and the observations of motions that are over.
         """
         unknown = poses.keys() - self._tagged.keys()
         if unknown:
@@ -110,8 +101,8 @@ class PoseTracker:
         self._time = time
         ended: list[Track] = []
         for name, tracker in self._trackers.items():
-            seen = [self._detection(name, poses[name])] if name in poses else []
-            ended += tracker.update(time, seen)
+            detections = [self._detection(name, poses[name])] if name in poses else []
+            ended += tracker.update(time, detections)
         episodes = self._episodes.update(time, [*self._alive().values()], ended)
         return back, (*before, *observations_from(episodes))
 
@@ -124,7 +115,7 @@ class PoseTracker:
         )
 
     def finish(self) -> tuple[Observation, ...]:
-        """Return the observations of what still moves, and begin anew."""
+        """Return the observations of what still moves, and start again."""
         episodes = self._episodes.finish([*self._alive().values()])
         self._begin()
         return observations_from(episodes)
@@ -132,8 +123,8 @@ class PoseTracker:
     def _begin(self) -> None:
         self._time = -np.inf
         self._trackers = {
-            name: Tracker(self._environment, self._settings, identity=one.object)
-            for name, one in self._tagged.items()
+            name: Tracker(self._environment, self._settings, identity=item.object)
+            for name, item in self._tagged.items()
         }
         self._episodes = EpisodeRecorder(self._environment, self._settings)
 
@@ -146,12 +137,12 @@ class PoseTracker:
             if tracks
         }
 
-    def _detection(self, name: str, seen: MeasuredPose) -> Detection:
+    def _detection(self, name: str, measured: MeasuredPose) -> Detection:
         """What is known of an object's centre, which a turn of its tag moves by the lever arm."""
         shape, offset = self._tagged[name].object.shape, self._tagged[name].centre
-        pose = seen.pose.after(offset)
-        lever = np.cross(np.eye(3), seen.pose.directions(offset.translation))
-        position = seen.position_covariance + lever @ seen.rotation_covariance @ lever.T
+        pose = measured.pose.after(offset)
+        lever = np.cross(np.eye(3), measured.pose.directions(offset.translation))
+        position = measured.position_covariance + lever @ measured.rotation_covariance @ lever.T
         center = np.array(pose.translation)
         if isinstance(shape, Box | Capsule):
             return DetectedSolid(
@@ -159,7 +150,7 @@ class PoseTracker:
                 center,
                 pose.matrix,
                 position,
-                seen.rotation_covariance,
+                measured.rotation_covariance,
                 SIZE_DEVIATION**2,
                 points=1,
                 misfit=1.0,

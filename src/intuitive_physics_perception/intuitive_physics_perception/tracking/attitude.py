@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +11,18 @@ from scipy.spatial.transform import Rotation
 from intuitive_physics.shapes import Box, Capsule
 from intuitive_physics.state import ANGULAR_VELOCITY, ROTATION, ObjectState
 from intuitive_physics_perception.detection.detections import DetectedSolid
-from intuitive_physics_perception.tracking.motion import white_acceleration
-from intuitive_physics_perception.tracking.settings import TrackingSettings
+from intuitive_physics_perception.tracking.motion import GATE, white_acceleration
+
+ANGULAR_ACCELERATION_NOISE = 20.0
+"""Standard deviation of what changes an angular velocity, over 1/30 s, rad/s²: torques of contacts,
+precession."""
+
+NAMING_ANGLE = 0.2
+"""Angle that counts as much as `NAMING_LENGTH`, rad."""
+
+NAMING_LENGTH = 0.02
+"""Difference of edges that counts as much as `NAMING_ANGLE` where two ways to name a box's edges
+are compared, m."""
 
 ROTATION_PART, VELOCITY_PART = slice(0, 3), slice(3, 6)
 """Where rotation vector (rad) and angular velocity (rad/s) stand in an attitude's covariance."""
@@ -53,17 +62,16 @@ class Attitude:
         covariance[VELOCITY_PART, VELOCITY_PART] = velocity_deviation**2 * np.eye(3)
         return Attitude(solid.rotation, np.zeros(3), covariance, solid.shape)
 
-    def after(self, duration: float, noise: float) -> Attitude:
+    def after(self, duration: float) -> Attitude:
         """Return it some time later, or earlier if that is negative.
 
         Parameters
         ----------
         duration : s
-        noise : rad/s², standard deviation of an unmodelled angular acceleration over `FRAME_TIME`
         """
         transition = np.eye(6)
         transition[ROTATION_PART, VELOCITY_PART] = duration * np.eye(3)
-        added = np.kron(white_acceleration(duration, noise), np.eye(3))
+        added = np.kron(white_acceleration(duration, ANGULAR_ACCELERATION_NOISE), np.eye(3))
         return replace(
             self,
             rotation=Rotation.from_rotvec(duration * self.angular_velocity).as_matrix()
@@ -78,19 +86,17 @@ class Attitude:
         covariance[VELOCITY_PART, VELOCITY_PART] = velocity_deviation**2 * np.eye(3)
         return replace(self, angular_velocity=np.zeros(3), covariance=covariance)
 
-    def corrected(
-        self, solid: DetectedSolid, velocity_deviation: float, tracking: TrackingSettings
-    ) -> Attitude:
+    def corrected(self, solid: DetectedSolid, velocity_deviation: float) -> Attitude:
         """Return it corrected by a detection in the environment's frame.
 
         A box looks the same when its axes are named otherwise, a capsule however it turned about
         its axis: the rotation nearest to what was expected is meant.
         """
-        turned, lengths = self._nearest(solid, tracking)
+        turned, lengths = self._nearest(solid)
         innovation = Rotation.from_matrix(turned @ self.rotation.T).as_rotvec()
         covariance = self.covariance
         spread = covariance[ROTATION_PART, ROTATION_PART] + solid.rotation_covariance
-        if innovation @ np.linalg.solve(spread, innovation) > tracking.gate:
+        if innovation @ np.linalg.solve(spread, innovation) > GATE:
             # An impact turned it another way: the estimate of its angular velocity is void.
             covariance = covariance.copy()
             covariance[ROTATION_PART, ROTATION_PART] += np.outer(innovation, innovation)
@@ -110,31 +116,29 @@ class Attitude:
 
     def reach(self, direction: NDArray[np.float64]) -> float:
         """Return the extent in m from the centre along `direction` (3,), a unit vector."""
-        own = self.rotation.T @ direction
+        local = self.rotation.T @ direction
         if isinstance(self.shape, Box):
-            return 0.5 * float(np.abs(own) @ self.shape.edge_lengths)
-        return self.shape.radius + 0.5 * self.shape.length * abs(float(own[2]))
+            return 0.5 * float(np.abs(local) @ self.shape.edge_lengths)
+        return self.shape.radius + 0.5 * self.shape.length * abs(float(local[2]))
 
-    def _nearest(
-        self, solid: DetectedSolid, tracking: TrackingSettings
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _nearest(self, solid: DetectedSolid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The rotation (3, 3) and the dimensions of a detection, named as they are here."""
         lengths = _lengths(solid.shape)
         if isinstance(solid.shape, Capsule):
-            axis, seen = self.rotation[:, 2], solid.rotation[:, 2]
-            seen = seen if seen @ axis >= 0.0 else -seen
+            axis, axis_now = self.rotation[:, 2], solid.rotation[:, 2]
+            axis_now = axis_now if axis_now @ axis >= 0.0 else -axis_now
             # The shortest rotation between them; their angle is below a right one.
-            sine = np.cross(axis, seen)
-            angle = np.arctan2(np.linalg.norm(sine), seen @ axis)
+            sine = np.cross(axis, axis_now)
+            angle = np.arctan2(np.linalg.norm(sine), axis_now @ axis)
             turn = Rotation.from_rotvec(sine / np.sinc(angle / np.pi))
             return turn.as_matrix() @ self.rotation, lengths
-        own = _lengths(self.shape)
+        present = _lengths(self.shape)
         best, nearest = np.inf, (solid.rotation, lengths)
         for naming in BOX_NAMINGS:
             turned, named = solid.rotation @ naming, np.abs(naming).T @ lengths
             cosine = 0.5 * (float((turned * self.rotation).sum()) - 1.0)
-            angle = np.arccos(np.clip(cosine, -1.0, 1.0)) / tracking.naming_angle
-            away = angle**2 + float(np.square((named - own) / tracking.naming_length).sum())
+            angle = np.arccos(np.clip(cosine, -1.0, 1.0)) / NAMING_ANGLE
+            away = angle**2 + float(np.square((named - present) / NAMING_LENGTH).sum())
             if away < best:
                 best, nearest = away, (turned, named)
         return nearest
@@ -154,17 +158,13 @@ def with_attitude(
 ) -> ObjectState:
     """Return θ_d of a solid from its translation and its attitude.
 
-    Parameters
-    ----------
-    position : (3,) m
-    velocity : (3,) m/s
-    covariance : (12, 12) of which the parts of rotation and angular velocity are filled in
-    attitude : at the same time
+    `position` (3,) m; `velocity` (3,) m/s; `covariance` (12, 12) of which the parts of rotation and
+    angular velocity are filled in.
     """
     whole = covariance.copy()
-    own = ((ROTATION, ROTATION_PART), (ANGULAR_VELOCITY, VELOCITY_PART))
-    for rows, own_rows in own:
-        for columns, own_columns in own:
+    blocks = ((ROTATION, ROTATION_PART), (ANGULAR_VELOCITY, VELOCITY_PART))
+    for rows, own_rows in blocks:
+        for columns, own_columns in blocks:
             whole[rows, columns] = attitude.covariance[own_rows, own_columns]
     return ObjectState(
         position,
@@ -181,16 +181,5 @@ def _lengths(shape: Box | Capsule) -> NDArray[np.float64]:
     return np.array([shape.radius, shape.length])
 
 
-def _box_namings() -> list[NDArray[np.float64]]:
-    """The 24 rotations (3, 3) that carry a box's axes onto one another."""
-    found = []
-    for order in permutations(range(3)):
-        for signs in product((-1.0, 1.0), repeat=3):
-            naming = np.eye(3)[:, order] * signs
-            if np.linalg.det(naming) > 0.0:
-                found.append(naming)
-    return found
-
-
-BOX_NAMINGS = _box_namings()
+BOX_NAMINGS = Rotation.create_group("O").as_matrix().round()
 """The 24 rotations (3, 3) that carry a box's axes onto one another."""

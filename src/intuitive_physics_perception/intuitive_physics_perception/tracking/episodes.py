@@ -21,10 +21,13 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.free_motion import FreeMotion, Record
 from intuitive_physics_perception.tracking.initial_state import state_at
-from intuitive_physics_perception.tracking.motion import POSITION, RADIUS
-from intuitive_physics_perception.tracking.settings import lasting
+from intuitive_physics_perception.tracking.motion import POSITION, RADIUS, lasting
 from intuitive_physics_perception.tracking.smoother import smooth
 from intuitive_physics_perception.tracking.track import Track
+
+PATH_WIDENING = 1.5
+"""Multiple of the largest standard deviation where an object was seen, up to which its smoothed
+path is part of an observation where it was not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +115,8 @@ def record_of(track: Track, settings: PerceptionSettings) -> Record:
     A sphere's detection has a centre c and a radius r with errors e of its own (covariance F), and
     errors s that are the same in all frames (covariance S, `systematic`). The average r̄ has the
     error ē + s_r, where ē has the variance P_rr that the filter knows. Knowing the radius better
-    moves the centre: c' = c + g (r̄ - r) with g = F_cr / F_rr. What remains is (e_c - g e_r) + g ē +
-    s_c, for r̄ - r is free of s. The first part is independent from frame to frame, of covariance
+    moves the centre: c' = c + g (r̄ - r) with g = F_cr / F_rr. What remains is (e_c - g e_r) + g ē
+    + s_c, for r̄ - r is free of s. The first part is independent from frame to frame, of covariance
     F_cc - F_rr g gᵀ; the others are the same in all frames. As the line of sight turns, so does g:
     its mean ḡ makes the bias P_rr ḡ ḡᵀ + S_cc, of the mean S over all frames, and what differs from
     it counts as an error of the frame, (g - ḡ) ē.
@@ -122,29 +125,29 @@ def record_of(track: Track, settings: PerceptionSettings) -> Record:
     covariance and S_cc the bias.
     """
     steps = [step for step in track.steps if step.seen is not None]
-    seen = [step.seen for step in steps if step.seen is not None]
+    detections = [step.seen for step in steps if step.seen is not None]
     times = np.array([step.time for step in steps])
     attitudes = tuple(step.attitude for step in steps if step.attitude is not None)
-    positions = np.stack([detection.center for detection in seen])
-    covariances = np.stack([detection.covariance for detection in seen])
-    systematic = np.stack([detection.systematic for detection in seen])
+    positions = np.stack([detection.center for detection in detections])
+    covariances = np.stack([detection.covariance for detection in detections])
+    systematic = np.stack([detection.systematic for detection in detections])
     bias = systematic[:, :3, :3].mean(axis=0)
     covariances = covariances - systematic
-    own = covariances[:, :3, :3]
+    frame_covariances = covariances[:, :3, :3]
     if not attitudes:
         gains = covariances[:, :3, 3] / covariances[:, 3, 3, None]
-        off = track.mean[RADIUS] - np.array([detection.radius for detection in seen])
+        off = track.mean[RADIUS] - np.array([detection.radius for detection in detections])
         positions = positions + gains * off[:, None]
-        own = own - covariances[:, 3, 3, None, None] * _squares(gains)
+        frame_covariances = frame_covariances - covariances[:, 3, 3, None, None] * _squares(gains)
         remaining = track.covariance[RADIUS, RADIUS]
-        own = own + remaining * _squares(gains - gains.mean(axis=0))
+        frame_covariances = frame_covariances + remaining * _squares(gains - gains.mean(axis=0))
         bias = bias + remaining * _squares(gains.mean(axis=0))
-    path_times, path_positions = _path(track, times, settings.initial_state.path_widening)
+    path_times, path_positions = _path(track, times)
     return Record(
         track.scene_object(settings),
         times,
         positions,
-        own,
+        frame_covariances,
         bias,
         attitudes or None,
         path_times,
@@ -158,21 +161,19 @@ def newest_detection(track: Track) -> Detections | None:
     The centre of a sphere is moved as `record_of` does, with the gain of this frame alone. Its spin
     is that which the surface shows in this and earlier frames.
 
-    Returns
-    -------
-    Detections
-        One, in the environment's frame; None where the object was not seen in that frame.
+    Returns one detection in the environment's frame; None where the object was not seen in that
+    frame.
     """
     step = track.steps[-1]
     if step.seen is None:
         return None
-    own = step.seen.covariance - step.seen.systematic
-    position, covariance = step.seen.center, own[:3, :3]
+    frame_covariance = step.seen.covariance - step.seen.systematic
+    position, covariance = step.seen.center, frame_covariance[:3, :3]
     bias = step.seen.systematic[:3, :3]
     if track.attitude is None:
-        gain = own[:3, 3] / own[3, 3]
+        gain = frame_covariance[:3, 3] / frame_covariance[3, 3]
         position = position + gain * (track.mean[RADIUS] - step.seen.radius)
-        covariance = covariance - own[3, 3] * np.outer(gain, gain)
+        covariance = covariance - frame_covariance[3, 3] * np.outer(gain, gain)
         bias = bias + track.covariance[RADIUS, RADIUS] * np.outer(gain, gain)
     return Detections([step.time], position[None], covariance[None], bias, track.seen_spin)
 
@@ -183,7 +184,7 @@ def _squares(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _path(
-    track: Track, seen: NDArray[np.float64], widening: float
+    track: Track, seen_times: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Times and positions of the smoothed track, where it is known as well as where it was seen.
 
@@ -191,9 +192,9 @@ def _path(
     """
     path = smooth(list(track.steps))
     deviations = np.sqrt(np.trace(path.covariances[:, POSITION, POSITION], axis1=1, axis2=2))
-    known = np.isin(path.times, seen)
-    known |= deviations <= widening * deviations[known].max()
-    return path.times[known], path.means[known, POSITION]
+    is_known = np.isin(path.times, seen_times)
+    is_known |= deviations <= PATH_WIDENING * deviations[is_known].max()
+    return path.times[is_known], path.means[is_known, POSITION]
 
 
 def observations_of(
@@ -204,21 +205,21 @@ def observations_of(
 
     What is never known to move freely, such as a hand that passes for a ball, cuts nothing.
     """
-    known = []
+    known_records = []
     for record in records:
         if _is_worth(record, settings):
-            free = FreeMotion(record, environment, settings.initial_state, settings.motion)
+            free = FreeMotion(record, environment)
             states = (state_at(record, float(time), free, settings) for time in record.times)
             begins = (time for time, state in zip(record.times, states, strict=True) if state)
             begin = next(begins, None)
             if begin is not None:
-                known.append(_KnownRecord(record, free, float(begin)))
-    starts = sorted({one.begin for one in known})
-    found = [
-        _piece(known, start, end, environment, settings)
+                known_records.append(_KnownRecord(record, free, float(begin)))
+    starts = sorted({item.begin for item in known_records})
+    pieces = [
+        _piece(known_records, start, end, environment, settings)
         for start, end in pairwise([*starts, np.inf])
     ]
-    return [observation for observation in found if observation is not None]
+    return [observation for observation in pieces if observation is not None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,17 +252,19 @@ def _piece(
     It begins at the first time at which the state of each is known and one of them moves: before,
     a hand may have moved them.
     """
-    known_then = [one for one in records if one.begin <= start <= one.record.times[-1]]
-    there, free = [one.record for one in known_then], [one.free for one in known_then]
-    times = np.unique(np.concatenate([record.between(start, end).times for record in there]))
+    known_then = [item for item in records if item.begin <= start <= item.record.times[-1]]
+    present, free = [item.record for item in known_then], [item.free for item in known_then]
+    times = np.unique(np.concatenate([record.between(start, end).times for record in present]))
     for time in times:
-        parts = [record.between(time, end) for record in there]
+        parts = [record.between(time, end) for record in present]
         members = [k for k, part in enumerate(parts) if _is_worth(part, settings)]
         if not members:
             return None
-        states = [state_at(there[k], time, free[k], settings) for k in members]
-        known = [state for state in states if state is not None]
-        if len(known) == len(members) and any(_moves(state, settings) for state in known):
+        states = [state_at(present[k], time, free[k], settings) for k in members]
+        known_states = [state for state in states if state is not None]
+        if len(known_states) == len(members) and any(
+            _moves(state, settings) for state in known_states
+        ):
             return Observation(
                 environment,
                 tuple(
@@ -276,7 +279,7 @@ def _piece(
                             parts[k].bias,
                         ),
                     )
-                    for k, state in zip(members, known, strict=True)
+                    for k, state in zip(members, known_states, strict=True)
                 ),
                 float(time),
             )

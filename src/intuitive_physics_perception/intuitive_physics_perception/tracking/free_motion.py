@@ -15,16 +15,36 @@ from numpy.typing import NDArray
 
 from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics_perception.tracking.attitude import Attitude
-from intuitive_physics_perception.tracking.motion import downward
+from intuitive_physics_perception.tracking.motion import ROLLING_INERTIA, downward
 from intuitive_physics_perception.tracking.motion_fits import (
+    MIN_POINTS,
     fitted_motion,
     free_evidence,
     grown_count,
     noise_factor,
     release_point,
 )
-from intuitive_physics_perception.tracking.settings import InitialStateSettings, MotionSettings
 from intuitive_physics_perception.tracking.supports import supported_acceleration, surfaces_of
+
+MAX_DURATION = 0.4
+"""Duration of a stretch at most, s."""
+
+SURE_EVIDENCE = 7.0
+"""Logarithm of how much likelier points must be in free motion than in a hand: 1,000 times. A swing
+falls like a free ball for moments, and 30 to 90 beginnings are tried a second."""
+
+TOUCHING_EVIDENCE = -1.0
+"""The same where a plane ends the flight or carries the object, as a hop may last for three frames
+at 30 Hz; an object that is held still above a plane is at -5 then."""
+
+HAND_MEMORY = 0.4
+"""Time before a stretch, as it was found first, in which its beginning is looked for, s."""
+
+TOUCH_SIGMAS = 3.0
+"""Standard deviations of its position within which an object touches a plane."""
+
+TOUCH_SLACK = 0.005
+"""Gap beyond that up to which it touches, m."""
 
 SAME_TIME = 1e-9
 """s by which times of one frame may differ: numerical."""
@@ -151,23 +171,17 @@ class FreeMotion:
     ----------
     record : what was seen of the object
     environment : it moved in
-    fit : tuned numbers
-    motion : tuned numbers of how objects move
     """
 
     def __init__(
         self,
         record: Record,
         environment: Environment,
-        fit: InitialStateSettings,
-        motion: MotionSettings,
     ) -> None:
         self._record = record
         self._environment = environment
-        self._fit = fit
-        self._motion = motion
         self._noise = record.covariances * noise_factor(
-            record.times, record.positions, record.covariances, fit.noise_window
+            record.times, record.positions, record.covariances
         )
         self._found: list[Stretch] = []
         self._looked = 0
@@ -176,10 +190,10 @@ class FreeMotion:
         """Return the stretch that holds a time in s, None where there is none."""
         times = self._record.times
         while self._looked < len(times) and times[self._looked] <= time + SAME_TIME:
-            found = self._next(self._looked)
-            self._looked = len(times) if found is None else found.end
-            if found is not None:
-                self._found.append(found)
+            stretch_found = self._next(self._looked)
+            self._looked = len(times) if stretch_found is None else stretch_found.end
+            if stretch_found is not None:
+                self._found.append(stretch_found)
         for stretch in self._found:
             if stretch.time <= time + SAME_TIME and times[stretch.end - 1] >= time:
                 return stretch
@@ -190,18 +204,20 @@ class FreeMotion:
         if self._found and self._found[-1].goes_on:
             before = self._found[-1]
             further = self._grown(first, before.acceleration)
-            if further.end - first >= self._fit.min_points:
+            if further.end - first >= MIN_POINTS:
                 return self._stretch(first, further, before.plane, before.acceleration)
-        for start in range(first, len(self._record.times) - self._fit.min_points + 1):
+        for start in range(first, len(self._record.times) - MIN_POINTS + 1):
             sure = [
                 (grown, plane, acceleration)
                 for plane, acceleration in self._accelerations(start)
                 if (grown := self._sure_growth(start, plane, acceleration)) is not None
             ]
             if sure:
-                found = self._from_its_release(first, start, *max(sure, key=lambda one: one[0].end))
-                if self._evidence(found) > self._fit.touching_evidence:
-                    return found
+                stretch = self._from_its_release(
+                    first, start, *max(sure, key=lambda candidate: candidate[0].end)
+                )
+                if self._evidence(stretch) > TOUCHING_EVIDENCE:
+                    return stretch
         return None
 
     def _from_its_release(
@@ -217,7 +233,7 @@ class FreeMotion:
         As the beginning moves, so may the end, hence both are found in turn until they stay.
         """
         record = self._record
-        earliest = int(np.searchsorted(record.times, record.times[start] - self._fit.hand_memory))
+        earliest = int(np.searchsorted(record.times, record.times[start] - HAND_MEMORY))
         for _ in range(RELEASE_ITERATIONS):
             part = slice(max(first, earliest), grown.end)
             start = part.start + release_point(
@@ -226,7 +242,6 @@ class FreeMotion:
                 self._noise[part],
                 acceleration,
                 part.start == 0,
-                self._fit,
             )
             further = self._grown(start, acceleration)
             if further.end <= grown.end:
@@ -263,7 +278,6 @@ class FreeMotion:
             self._record.positions[points],
             self._noise[points],
             stretch.acceleration,
-            self._fit.hand_acceleration,
         )
 
     def _accelerations(self, start: int) -> list[tuple[Plane | None, NDArray[np.float64]]]:
@@ -273,33 +287,34 @@ class FreeMotion:
         touched = surfaces_of(self._environment).supporting(
             self._record.positions[start],
             _height(self._record, start, self._environment),
-            self._fit.touch_sigmas * noise + self._fit.touch_slack,
+            TOUCH_SIGMAS * noise + TOUCH_SLACK,
         )
-        found: list[tuple[Plane | None, NDArray[np.float64]]] = [(None, self._environment.gravity)]
+        candidates: list[tuple[Plane | None, NDArray[np.float64]]] = [
+            (None, self._environment.gravity)
+        ]
         if touched:
-            inertia = self._motion.rolling_inertia if self._record.attitudes is None else None
+            inertia = ROLLING_INERTIA if self._record.attitudes is None else None
             gravity = self._environment.gravity
-            found.append((touched[0], supported_acceleration(gravity, touched, inertia)))
-        return found
+            candidates.append((touched[0], supported_acceleration(gravity, touched, inertia)))
+        return candidates
 
     def _grown(self, start: int, acceleration: NDArray[np.float64]) -> _Growth:
         """Grow a stretch from `start` until a point shows a contact or it is long enough."""
-        fit, times = self._fit, self._record.times
-        stop = int(np.searchsorted(times, times[start] + fit.max_duration, side="right"))
+        times = self._record.times
+        stop = int(np.searchsorted(times, times[start] + MAX_DURATION, side="right"))
         points = slice(start, stop)
-        if stop - start < fit.min_points:
+        if stop - start < MIN_POINTS:
             return _Growth(start, None)
         count, expected = grown_count(
             times[points] - times[start],
             self._record.positions[points] - self._record.positions[start],
             self._noise[points],
             acceleration,
-            fit,
         )
         if expected is None:
             return _Growth(start + count, None)
         # The bounce may have begun before the point that shows it.
-        kept = count - 1 if count > fit.min_points + 1 else count
+        kept = count - 1 if count > MIN_POINTS + 1 else count
         return _Growth(start + kept, self._record.positions[start] + expected, start + count)
 
     def _sure_growth(
@@ -307,19 +322,19 @@ class FreeMotion:
     ) -> _Growth | None:
         """The stretch from `start`; None where the points may as well have moved otherwise."""
         grown = self._grown(start, acceleration)
-        if grown.end - start < self._fit.min_points:
+        if grown.end - start < MIN_POINTS:
             return None
         touches = plane is not None or (
             grown.expected is not None and self._touches(grown.contact, grown.expected)
         )
-        needed = self._fit.touching_evidence if touches else self._fit.sure_evidence
-        found = self._stretch(start, grown, plane, acceleration)
-        return grown if self._evidence(found) > needed else None
+        needed = TOUCHING_EVIDENCE if touches else SURE_EVIDENCE
+        stretch = self._stretch(start, grown, plane, acceleration)
+        return grown if self._evidence(stretch) > needed else None
 
     def _touches(self, k: int, position: NDArray[np.float64]) -> bool:
         """Whether a ball expected at `position` at point k would have met a plane by then."""
-        reach = self._record.object.shape.bounding_radius + self._fit.touch_slack
-        reach += self._fit.touch_sigmas * float(np.sqrt(np.trace(self._record.covariance_at(k))))
+        reach = self._record.object.shape.bounding_radius + TOUCH_SLACK
+        reach += TOUCH_SIGMAS * float(np.sqrt(np.trace(self._record.covariance_at(k))))
         return surfaces_of(self._environment).touches(position, reach)
 
 

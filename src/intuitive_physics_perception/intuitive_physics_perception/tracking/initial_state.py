@@ -16,6 +16,7 @@ from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.attitude import with_attitude
 from intuitive_physics_perception.tracking.free_motion import FreeMotion, Record, Stretch
 from intuitive_physics_perception.tracking.rolling import (
+    ROLLING_TIME,
     rolling_angular_velocity,
     unknown_angular_velocity,
 )
@@ -51,9 +52,7 @@ def state_at(
             covariance[rows, columns] = spread[own_rows, own_columns]
     if record.attitudes is not None:
         # The end of the stretch knows the angular velocity best, and nothing changed it before.
-        last = record.attitudes[stretch.end - 1].after(
-            time - float(record.times[stretch.end - 1]), settings.motion.angular_acceleration_noise
-        )
+        last = record.attitudes[stretch.end - 1].after(time - float(record.times[stretch.end - 1]))
         return with_attitude(mean[:3], mean[3:], covariance, last)
     angular_velocity, angular_covariance = _angular_velocity(
         record, stretch, mean[3:], spread[3:, 3:], settings
@@ -76,7 +75,7 @@ def _angular_velocity(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Angular velocity of a ball that keeps its speed on a plane, where it rolls; else unknown."""
     lasted = record.times[stretch.end - 1] - record.times[stretch.start]
-    if stretch.plane is None or lasted < settings.motion.rolling_time:
+    if stretch.plane is None or lasted < ROLLING_TIME:
         return unknown_angular_velocity(settings.angular_velocity_deviation)
     return rolling_angular_velocity(
         velocity,
@@ -84,5 +83,4 @@ def _angular_velocity(
         record.object.shape.bounding_radius,
         stretch.plane.normal,
         settings.angular_velocity_deviation,
-        settings.motion.rolling_slip,
     )

@@ -11,21 +11,59 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.scene import Environment, Plane
-from intuitive_physics_perception.tracking.settings import FRAME_TIME, MotionSettings
 from intuitive_physics_perception.tracking.supports import (
     supported_acceleration,
     surfaces_of,
     time_on,
 )
 
+FRAME_TIME = 1.0 / 30.0
+"""s between the frames that are meant where a setting counts detections or is given for one frame:
+at another frame rate it holds for as much time."""
+
+MAX_BOUNCES = 4
+"""Bounces within one step at most."""
+
+SUPPORT_DISTANCE = 0.006
+"""Gap up to which a plane supports an object, m."""
+
+SUPPORT_SPEED = 0.25
+"""Normal speed up to which an object stays on a plane, m/s: what is left of such a bounce is a hop
+of millimetres."""
+
+NORMAL_UNCERTAINTY = 0.35
+"""Standard deviation of the normal velocity after a bounce, as a part of the normal speed before
+it: what another restitution could make of it."""
+
+TANGENTIAL_UNCERTAINTY = 0.3
+"""The same of the tangential velocity: what friction could make of it."""
+
+ROLLING_INERTIA = 0.4
+"""Κ, moment of inertia over m r² of a ball that rolls, which gains g sin α / (1 + κ) on a slope:
+2/5 of a uniform one, 2/3 of a thin shell."""
+
+LIFT_SIGMAS = 3.0
+"""Standard deviations by which noise may lift a ball that rolls on a plane."""
+
+GATE = 25.0
+"""Squared distance, in variances, from which on a detection contradicts what was predicted."""
+
 POSITION, VELOCITY, RADIUS = slice(0, 3), slice(3, 6), 6
 """Where position (m), velocity (m/s) and radius (m) stand in an object's vector."""
 
 PLACED = np.array([0, 1, 2, RADIUS])
-"""Components of an object's vector that say where its surface is: centre and radius."""
+"""Components of an object's vector that a detection measures: centre and radius."""
 
 SIZE = 7
 """Components of an object's vector."""
+
+
+def lasting(detections: float) -> float:
+    """Return how long in s an object was seen at 30 Hz with that many detections, at least.
+
+    Half a frame less, as stamps are not quite regular.
+    """
+    return (detections - 1.5) * FRAME_TIME
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +97,6 @@ def predicted(
     *,
     restitution: float,
     acceleration_noise: float,
-    motion: MotionSettings,
     rolls: bool = True,
 ) -> Prediction:
     """Return a ball `duration` s later.
@@ -67,24 +104,17 @@ def predicted(
     A bounce turns the velocity with the restitution one expects and widens the covariance by what
     friction and another restitution could make of it.
 
-    Parameters
-    ----------
-    mean : (7,) of the object
-    covariance : (7, 7)
-    duration : s
-    environment : what the object bounces off
-    restitution : expected of a bounce
-    acceleration_noise : m/s², standard deviation of an unmodelled acceleration over `FRAME_TIME`
-    motion : tuned numbers
-    rolls : whether it rolls down a slope; else it slides
+    `mean` (7,) of the object; `covariance` (7, 7); `duration` in s; `acceleration_noise` in m/s²,
+    standard deviation of an unmodelled acceleration over `FRAME_TIME`; `rolls`: whether it rolls
+    down a slope; else it slides.
     """
     ball, left = Prediction(mean, covariance, np.eye(SIZE)), duration
     passed: list[Plane] = []
     contact = False
-    for _ in range(motion.max_bounces):
-        ball, support = _supported(ball, environment, passed, motion)
+    for _ in range(MAX_BOUNCES):
+        ball, support = _supported(ball, environment, passed)
         acceleration = supported_acceleration(
-            environment.gravity, support, motion.rolling_inertia if rolls else None
+            environment.gravity, support, ROLLING_INERTIA if rolls else None
         )
         met, until = surfaces_of(environment).next_contact(
             ball.mean, acceleration, left, [*support, *passed]
@@ -100,7 +130,7 @@ def predicted(
         if left <= 0.0:
             break
         if met is not None:
-            ball = _bounced(ball, met.normal, restitution, motion)
+            ball = _bounced(ball, met.normal, restitution)
     return replace(ball, contact=contact)
 
 
@@ -108,40 +138,35 @@ def carrying(
     mean: NDArray[np.float64],
     covariance: NDArray[np.float64],
     environment: Environment,
-    motion: MotionSettings,
 ) -> list[Plane]:
     """Return the surfaces that carry a ball as far as its place is known.
 
-    Parameters
-    ----------
-    mean, covariance : (7,) and (7, 7) of the ball
-    environment : with the surfaces
-    motion : tuned numbers
+    `mean` (7,) and `covariance` (7, 7) of the ball.
     """
     radius = float(mean[RADIUS])
-    widest = motion.lift_sigmas * float(np.sqrt(np.trace(covariance[np.ix_(PLACED, PLACED)])))
+    widest = LIFT_SIGMAS * float(np.sqrt(np.trace(covariance[np.ix_(PLACED, PLACED)])))
     near = surfaces_of(environment).supporting(
-        mean[POSITION], radius, motion.support_distance + min(widest, 0.5 * radius)
+        mean[POSITION], radius, SUPPORT_DISTANCE + min(widest, 0.5 * radius)
     )
-    found = []
+    surfaces = []
     for plane in near:
         gap = np.append(plane.normal, -1.0)
         noise = np.sqrt(max(gap @ covariance[np.ix_(PLACED, PLACED)] @ gap, 0.0))
         lift = abs(float(plane.signed_distances(mean[POSITION])) - radius)
-        if lift < motion.support_distance + motion.lift_sigmas * noise:
-            found.append(plane)
-    return found
+        if lift < SUPPORT_DISTANCE + LIFT_SIGMAS * noise:
+            surfaces.append(plane)
+    return surfaces
 
 
 def _supported(
-    ball: Prediction, environment: Environment, passed: list[Plane], motion: MotionSettings
+    ball: Prediction, environment: Environment, passed: list[Plane]
 ) -> tuple[Prediction, list[Plane]]:
     """What is left of a bounce is a hop of millimetres: it stays on the plane."""
     mean = ball.mean.copy()
     support = [
         plane
-        for plane in carrying(mean, ball.covariance, environment, motion)
-        if abs(plane.normal @ mean[VELOCITY]) < motion.support_speed and plane not in passed
+        for plane in carrying(mean, ball.covariance, environment)
+        if abs(plane.normal @ mean[VELOCITY]) < SUPPORT_SPEED and plane not in passed
     ]
     for plane in support:
         mean[VELOCITY] -= (plane.normal @ mean[VELOCITY]) * plane.normal
@@ -166,27 +191,21 @@ def white_acceleration(duration: float, noise: float) -> NDArray[np.float64]:
 
     It is white noise, so two steps add up to one of their length.
 
-    Parameters
-    ----------
-    duration : s; negative for a step back
-    noise : standard deviation of the acceleration's mean over `FRAME_TIME`, in m/s² or rad/s²
+    `duration` in s; negative for a step back; `noise`: standard deviation of the acceleration's
+    mean over `FRAME_TIME`, in m/s² or rad/s².
     """
     lasts = abs(duration)
     across = 0.5 * duration * lasts
     return noise**2 * FRAME_TIME * np.array([[lasts**3 / 3.0, across], [across, lasts]])
 
 
-def _bounced(
-    ball: Prediction, normal: NDArray[np.float64], restitution: float, motion: MotionSettings
-) -> Prediction:
+def _bounced(ball: Prediction, normal: NDArray[np.float64], restitution: float) -> Prediction:
     speed = abs(float(normal @ ball.mean[VELOCITY]))
     across = np.outer(normal, normal)
-    kept = 0.0 if speed < motion.support_speed else restitution
+    kept = 0.0 if speed < SUPPORT_SPEED else restitution
     turn = np.eye(SIZE)
     turn[VELOCITY, VELOCITY] -= (1.0 + kept) * across
     turned = turn @ ball.covariance @ turn.T
-    turned[VELOCITY, VELOCITY] += (motion.normal_uncertainty * speed) ** 2 * across
-    turned[VELOCITY, VELOCITY] += (motion.tangential_uncertainty * speed) ** 2 * (
-        np.eye(3) - across
-    )
+    turned[VELOCITY, VELOCITY] += (NORMAL_UNCERTAINTY * speed) ** 2 * across
+    turned[VELOCITY, VELOCITY] += (TANGENTIAL_UNCERTAINTY * speed) ** 2 * (np.eye(3) - across)
     return Prediction(turn @ ball.mean, turned, turn @ ball.transition)

@@ -6,7 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics_perception.tracking.motion_fits import fitted_acceleration
-from intuitive_physics_perception.tracking.settings import MotionSettings
+
+ROLLING_TIME = 0.2
+"""Time on a surface without losing speed to friction after which a ball rolls, s: one that slides
+at μ = 0.1 is 5 mm behind by then, and rolls itself 2 v / 7 μ g after it began."""
+
+ROLLING_DECELERATION = 0.6
+"""Difference from the acceleration of rolling, m/s²: more than rolling resistance and another κ
+make, less than sliding friction makes; half of it must be visible."""
+
+ROLLING_SIGMAS = 2.0
+"""Standard deviations of that difference by which noise may exceed it."""
+
+ROLLING_SLIP = 0.1
+"""Standard deviation of the slip of a rolling ball, as a part of its speed."""
 
 ENOUGH = 0.7
 """Part of a time that points of it must span, as frames do not begin and end with it."""
@@ -29,24 +42,17 @@ def rolling_angular_velocity(
     radius: float,
     normal: NDArray[np.float64],
     deviation: float,
-    rolling_slip: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return mean (3,) rad/s and covariance (3, 3) of the angular velocity of a rolling ball.
 
-    The point of contact stands still, v - r ω × n = 0, so ω = n × v / r; the component
-    along the normal stays unknown.
+    The point of contact stands still, v - r ω × n = 0, so ω = n × v / r; the component along the
+    normal stays unknown.
 
-    Parameters
-    ----------
-    velocity : (3,) m/s
-    covariance : (3, 3) m²/s², of the velocity
-    radius : m
-    normal : (3,) unit vector of the plane
-    deviation : rad/s, standard deviation of an unknown angular velocity
-    rolling_slip : standard deviation of the slip, as a part of the speed
+    `velocity` (3,) m/s; `radius` in m; `normal` (3,) unit vector of the plane; `deviation` in
+    rad/s, standard deviation of an unknown angular velocity.
     """
     turn = np.cross(normal, np.eye(3)).T / radius
-    slip = rolling_slip * float(np.linalg.norm(velocity)) / radius
+    slip = ROLLING_SLIP * float(np.linalg.norm(velocity)) / radius
     along = np.outer(normal, normal)
     spread = turn @ covariance @ turn.T + slip**2 * (np.eye(3) - along) + deviation**2 * along
     return turn @ velocity, spread
@@ -57,29 +63,23 @@ def rolls(
     places: NDArray[np.float64],
     noise: NDArray[np.float64],
     expected: NDArray[np.float64],
-    motion: MotionSettings,
 ) -> bool:
     """Return whether an object on a surface rolls and does not slide.
 
     The shortest time up to the last point is taken in which friction would be visible.
 
-    Parameters
-    ----------
-    times : (n,) s, on the surface
-    places : (n, 3) m
-    noise : (n, 3, 3) m², covariances of the points
-    expected : (3,) m/s² of rolling there
-    motion : tuned numbers
+    `times` (n,) s, on the surface; `places` (n, 3) m; `noise` (n, 3, 3) m², covariances of the
+    points; `expected` (3,) m/s² of rolling there.
     """
-    limit, duration = motion.rolling_deceleration, ENOUGH * motion.rolling_time
+    limit, duration = ROLLING_DECELERATION, ENOUGH * ROLLING_TIME
     if len(times) < 3 or times[-1] - times[0] < duration:
         return False
     while True:
         before = int(np.searchsorted(times, times[-1] - duration, side="right")) - 1
         first = max(0, min(before, len(times) - 3))
-        found, spread = fitted_acceleration(times[first:], places[first:], noise[first:])
+        fitted, spread, _ = fitted_acceleration(times[first:], places[first:], noise[first:])
         deviation = float(np.sqrt(np.linalg.eigvalsh(spread)[-1]))
         if deviation < 0.5 * limit or first == 0:
-            off = float(np.linalg.norm(found - expected))
-            return off < limit + motion.rolling_sigmas * deviation
+            off = float(np.linalg.norm(fitted - expected))
+            return off < limit + ROLLING_SIGMAS * deviation
         duration *= LONGER

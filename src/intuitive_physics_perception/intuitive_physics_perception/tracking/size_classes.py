@@ -1,4 +1,4 @@
-"""Materials of balls without a name: one for each size that can be told apart.
+"""Materials of balls without a name: one for each size that can be distinguished.
 
 A radius is all that a depth image shows of a material. Classes of radius have the same limits in
 every run, so that what is learned of a size from one recording holds in the next.
@@ -35,12 +35,7 @@ class SizeClass:
     largest: float
 
     def material(self, kind: str) -> str:
-        """Return the name of its material, such as `ball_46_55mm`.
-
-        Parameters
-        ----------
-        kind : how the names of all of them begin
-        """
+        """Return the name of its material, such as `ball_46_55mm`."""
         digits = 0 if self.smallest >= 0.01 else 1
         lower, upper = (f"{1000.0 * limit:.{digits}f}" for limit in (self.smallest, self.largest))
         return f"{kind}_{lower}_{upper}mm"
@@ -67,10 +62,8 @@ class SizeClasses:
     ) -> SizeClass:
         """Return a ball's class.
 
-        Parameters
-        ----------
-        radius, deviation : m, measured, and its standard deviation
-        present : the class that the ball has had so far
+        `radius` and `deviation` in m, measured, and its standard deviation; `present`: the class
+        that the ball has had so far.
         """
         place = math.log(radius / REFERENCE_RADIUS) / self._log_ratio
         spread = LIMIT_SIGMAS * deviation / radius / self._log_ratio

@@ -21,7 +21,7 @@ FACE_CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 def faces(box: StaticBox) -> list[Plane]:
     """Return the six faces of a box as planes with an edge, their normals outward."""
     axes, half = rotation_matrix(box.orientation), 0.5 * box.edge_lengths
-    found = []
+    planes = []
     for k in range(3):
         for side in (1.0, -1.0):
             normal = side * axes[:, k]
@@ -31,7 +31,7 @@ def faces(box: StaticBox) -> list[Plane]:
                 [side * half[first] * axes[:, first], half[second] * axes[:, second]]
             )
             middle = box.center + half[k] * normal
-            found.append(
+            planes.append(
                 Plane(
                     f"{box.id}/{'+' if side > 0.0 else '-'}{'xyz'[k]}",
                     box.material,
@@ -40,7 +40,7 @@ def faces(box: StaticBox) -> list[Plane]:
                     middle + FACE_CORNERS @ across.T,
                 )
             )
-    return found
+    return planes
 
 
 class Surfaces:
@@ -64,11 +64,7 @@ class Surfaces:
     ) -> list[Plane]:
         """Return what a ball touches within a tolerance and gravity presses it on.
 
-        Parameters
-        ----------
-        position : (3,) m, of its centre
-        radius : m
-        tolerance : m
+        `position` (3,) m, of its centre; `radius` in m; `tolerance` in m.
         """
         gaps = self._normals @ position - self._offsets - radius
         near = np.flatnonzero((np.abs(gaps) < tolerance) & self._carrying)
@@ -83,21 +79,17 @@ class Surfaces:
     ) -> tuple[Plane | None, float]:
         """Return what a ball meets first and when, s; (None, duration) where it meets nothing.
 
-        Parameters
-        ----------
-        state : (7,) position (m), velocity (m/s) and radius (m)
-        acceleration : (3,) m/s²
-        duration : s
-        support : what it is on already
+        `state` (7,) position (m), velocity (m/s) and radius (m); `acceleration` (3,) m/s²;
+        `duration` in s.
         """
         position, velocity, radius = state[:3], state[3:6], float(state[6])
         gaps = self._normals @ position - self._offsets - radius
         speeds, pulls = self._normals @ velocity, self._normals @ acceleration
         # A ball whose centre is behind an end is below a table, in a box or beyond another face.
-        there = ~(self._bounded & (gaps < -radius))
-        there &= gaps - duration * (np.abs(speeds) + 0.5 * duration * np.abs(pulls)) <= 0.0
+        possible = ~(self._bounded & (gaps < -radius))
+        possible &= gaps - duration * (np.abs(speeds) + 0.5 * duration * np.abs(pulls)) <= 0.0
         first, until = None, duration
-        for k in np.flatnonzero(there):
+        for k in np.flatnonzero(possible):
             plane = self.planes[k]
             if plane in support:
                 continue
@@ -111,10 +103,7 @@ class Surfaces:
     def touches(self, position: NDArray[np.float64], reach: float) -> bool:
         """Return whether a place is nearer to any surface than a distance, or behind it.
 
-        Parameters
-        ----------
-        position : (3,) m
-        reach : m
+        `position` (3,) m; `reach` in m.
         """
         away = self._normals @ position - self._offsets
         return any(
@@ -137,11 +126,7 @@ def time_on(
 ) -> float:
     """Return the time in s until a ball's centre is beyond the edge of what carries it, else inf.
 
-    Parameters
-    ----------
-    support : that covers the ball's centre
-    state : (7,) position (m), velocity (m/s) and radius (m)
-    acceleration : (3,) m/s²
+    `state` (7,) position (m), velocity (m/s) and radius (m); `acceleration` (3,) m/s².
     """
     if support.boundary is None:
         return np.inf
@@ -176,11 +161,8 @@ def supported_acceleration(
     What rolls down a slope of the angle α gains g sin α / (1 + κ), as the force at its contact
     turns it; what slides without friction gains g sin α.
 
-    Parameters
-    ----------
-    gravity : (3,) m/s²
-    supports : what carries it
-    rolling_inertia : κ, moment of inertia over m r² of what rolls; None of what slides
+    `gravity` (3,) m/s²; `rolling_inertia`: κ, moment of inertia over m r² of what rolls; None of
+    what slides.
     """
     acceleration = gravity.copy()
     for plane in supports:

@@ -19,9 +19,15 @@ from intuitive_physics_perception.detection.detections import DetectedSolid, Det
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
 from intuitive_physics_perception.tracking.attitude import Attitude, with_attitude
 from intuitive_physics_perception.tracking.motion import (
+    FRAME_TIME,
+    GATE,
+    LIFT_SIGMAS,
+    PLACED,
     POSITION,
     RADIUS,
+    ROLLING_INERTIA,
     SIZE,
+    SUPPORT_DISTANCE,
     VELOCITY,
     Prediction,
     carrying,
@@ -33,16 +39,25 @@ from intuitive_physics_perception.tracking.rolling import (
     rolls,
     unknown_angular_velocity,
 )
-from intuitive_physics_perception.tracking.settings import FRAME_TIME, MotionSettings
 from intuitive_physics_perception.tracking.size_classes import SizeClass
 from intuitive_physics_perception.tracking.smoother import FilterStep
 from intuitive_physics_perception.tracking.supports import supported_acceleration
 
+ROLLING_MEMORY = 0.6
+"""Time for which that is looked back at most, where noise hides what friction takes in a shorter
+one, s."""
+
+RESTING_SPEED_DEVIATION = 0.02
+"""Standard deviation of the velocity of an object at rest, m/s."""
+
+RESTING_ANGULAR_VELOCITY_DEVIATION = 0.2
+"""Standard deviation of the angular velocity of a box or capsule at rest, rad/s."""
+
+HEIGHT_DEVIATION = 0.01
+"""Standard deviation of the height of a solid's centre above its lowest point, m."""
+
 MAX_STEPS = 4000
 """Newest frames of a track that are kept: bounds its memory. At 90 Hz they last 44 s."""
-
-MEASURED = np.array([0, 1, 2, RADIUS])
-"""Components of an object's vector that a detection measures: centre and radius."""
 
 
 @dataclass(eq=False)
@@ -97,10 +112,7 @@ class Track:
     def take_color(self, color: NDArray[np.float64] | None, weight: float) -> None:
         """Average the colour of its detections; late frames count most, as light changes.
 
-        Parameters
-        ----------
-        color : (3,) mean red, green and blue of the newest detection, 0 to 1; None: unknown
-        weight : of the newest detection in the average
+        `color` (3,) mean red, green and blue of the newest detection, 0 to 1; None: unknown.
         """
         if color is None:
             return
@@ -119,11 +131,8 @@ class Track:
     ) -> None:
         """Take up the motion that the frames up to the last one show.
 
-        Parameters
-        ----------
-        since : s, when it began
-        velocity : (3,) m/s
-        covariance : (3, 3) m²/s², of the velocity
+        `since` in s, when it began; `velocity` (3,) m/s; `covariance` (3, 3) m²/s², of the
+        velocity.
         """
         self.resting, self.moving_since = False, since
         self.mean, self.covariance = self.mean.copy(), self.covariance.copy()
@@ -138,10 +147,12 @@ class Track:
         """m², with what the errors of all frames share."""
         return float(self.covariance[RADIUS, RADIUS] + self.systematic[3, 3])
 
-    def close_step(self, seen: Detection | None) -> None:
-        """Append the state after a frame in which `seen` was detected of it."""
+    def close_step(self, detection: Detection | None) -> None:
+        """Append the state after a frame in which `detection` was detected of it."""
         self.steps.append(
-            FilterStep(self.time, self.prediction, self.mean, self.covariance, seen, self.attitude)
+            FilterStep(
+                self.time, self.prediction, self.mean, self.covariance, detection, self.attitude
+            )
         )
 
     @property
@@ -194,7 +205,7 @@ class Track:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         if self.resting:
             return unknown_angular_velocity(settings.rest_speed / float(self.mean[RADIUS]))
-        normal = self._rolls_on(environment, settings.motion)
+        normal = self._rolls_on(environment)
         if normal is None:
             unknown = unknown_angular_velocity(settings.angular_velocity_deviation)
             return unknown if self.seen_spin is None else combined(unknown, self.seen_spin)
@@ -204,38 +215,39 @@ class Track:
             float(self.mean[RADIUS]),
             normal,
             settings.angular_velocity_deviation,
-            settings.motion.rolling_slip,
         )
 
-    def _rolls_on(
-        self, environment: Environment, motion: MotionSettings
-    ) -> NDArray[np.float64] | None:
+    def _rolls_on(self, environment: Environment) -> NDArray[np.float64] | None:
         """Normal of the surface it has rolled on for a while up to the last frame, or None."""
-        for plane in carrying(self.mean, self.covariance, environment, motion):
+        for plane in carrying(self.mean, self.covariance, environment):
             steps = [
                 (step.time, step.seen)
                 for step in takewhile(
-                    lambda s, plane=plane: self._is_on(plane, s, motion),  # type: ignore[misc]
-                    reversed(self.recent(motion.rolling_memory)),
+                    lambda s, plane=plane: self._is_on(plane, s),  # type: ignore[misc]
+                    reversed(self.recent(ROLLING_MEMORY)),
                 )
                 if step.seen is not None
             ][::-1]
-            expected = supported_acceleration(environment.gravity, [plane], motion.rolling_inertia)
+            expected = supported_acceleration(environment.gravity, [plane], ROLLING_INERTIA)
             if len(steps) >= 3 and rolls(
                 np.array([time for time, _ in steps]),
-                np.stack([seen.center for _, seen in steps]),
-                np.stack([(seen.covariance - seen.systematic)[:3, :3] for _, seen in steps]),
+                np.stack([detection.center for _, detection in steps]),
+                np.stack(
+                    [
+                        (detection.covariance - detection.systematic)[:3, :3]
+                        for _, detection in steps
+                    ]
+                ),
                 expected,
-                motion,
             ):
                 return plane.normal
         return None
 
-    def _is_on(self, plane: Plane, step: FilterStep, motion: MotionSettings) -> bool:
+    def _is_on(self, plane: Plane, step: FilterStep) -> bool:
         """Whether the ball touched a plane then, as it does at the last frame."""
         lift = float(plane.normal @ (step.mean[POSITION] - self.mean[POSITION]))
         noise = float(np.sqrt(plane.normal @ step.covariance[POSITION, POSITION] @ plane.normal))
-        return abs(lift) < motion.support_distance + motion.lift_sigmas * noise and bool(
+        return abs(lift) < SUPPORT_DISTANCE + LIFT_SIGMAS * noise and bool(
             plane.covers(step.mean[POSITION])
         )
 
@@ -251,7 +263,7 @@ class TrackFilter:
         """Return the track of what is seen for the first time."""
         mean = np.concatenate([detection.center, np.zeros(3), [detection.radius]])
         covariance = np.zeros((SIZE, SIZE))
-        covariance[np.ix_(MEASURED, MEASURED)] = detection.covariance - detection.systematic
+        covariance[np.ix_(PLACED, PLACED)] = detection.covariance - detection.systematic
         covariance[VELOCITY, VELOCITY] = (self._settings.max_speed / 3.0) ** 2 * np.eye(3)
         first = Prediction(mean, covariance, np.eye(SIZE))
         attitude = None
@@ -274,9 +286,7 @@ class TrackFilter:
         """Carry a track on to the time of the next frame."""
         duration = time - track.time
         if track.resting:
-            track.prediction = _rested(
-                track, duration, self._settings.tracking.resting_speed_deviation
-            )
+            track.prediction = _rested(track, duration)
         else:
             track.prediction = predicted(
                 track.mean,
@@ -285,7 +295,6 @@ class TrackFilter:
                 self._environment,
                 restitution=self._settings.bounce_restitution,
                 acceleration_noise=self._settings.acceleration_noise,
-                motion=self._settings.motion,
                 rolls=track.attitude is None,
             )
         if track.attitude is not None:
@@ -298,37 +307,33 @@ class TrackFilter:
     def _predict_attitude(self, track: Track, attitude: Attitude, duration: float) -> None:
         """Turn a solid on, and take the height of its centre above its lowest point from that."""
         if track.resting:
-            track.attitude = attitude.stopped(
-                self._settings.tracking.resting_angular_velocity_deviation
-            )
+            track.attitude = attitude.stopped(RESTING_ANGULAR_VELOCITY_DEVIATION)
         else:
-            track.attitude = attitude.after(
-                duration, self._settings.motion.angular_acceleration_noise
-            )
+            track.attitude = attitude.after(duration)
         mean, transition = track.prediction.mean.copy(), track.prediction.transition.copy()
         covariance = track.prediction.covariance.copy()
         mean[RADIUS] = track.attitude.reach(downward(self._environment))
         transition[RADIUS] = covariance[RADIUS] = covariance[:, RADIUS] = 0.0
-        covariance[RADIUS, RADIUS] = self._settings.tracking.height_deviation**2
+        covariance[RADIUS, RADIUS] = HEIGHT_DEVIATION**2
         track.prediction = Prediction(mean, covariance, transition)
 
     def correct(self, track: Track, detection: Detection) -> None:
         """Take into account what was seen of a track at its time."""
         innovation, spread = innovation_of(track, detection)
         track.systematic = detection.systematic
-        if innovation @ np.linalg.solve(spread, innovation) >= self._settings.tracking.gate:
+        if innovation @ np.linalg.solve(spread, innovation) >= GATE:
             self._forget_velocity(track, innovation)
             innovation, spread = innovation_of(track, detection)
-        own = detection.covariance - detection.systematic
-        gain = np.linalg.solve(spread, track.covariance[MEASURED]).T
+        frame_covariance = detection.covariance - detection.systematic
+        gain = np.linalg.solve(spread, track.covariance[PLACED]).T
         track.mean = track.mean + gain @ innovation
         # Joseph's form keeps the covariance positive definite.
         keep = np.eye(SIZE)
-        keep[:, MEASURED] -= gain
-        track.covariance = keep @ track.covariance @ keep.T + gain @ own @ gain.T
+        keep[:, PLACED] -= gain
+        track.covariance = keep @ track.covariance @ keep.T + gain @ frame_covariance @ gain.T
         if isinstance(detection, DetectedSolid) and track.attitude is not None:
             track.attitude = track.attitude.corrected(
-                detection, self._settings.angular_velocity_deviation, self._settings.tracking
+                detection, self._settings.angular_velocity_deviation
             )
         track.seen_time += min(track.time - track.last_seen, FRAME_TIME)
         track.last_seen = track.time
@@ -349,17 +354,14 @@ class TrackFilter:
 
 
 def combined(
-    known: tuple[NDArray[np.float64], NDArray[np.float64]], spin: SeenSpin
+    unknown_spin: tuple[NDArray[np.float64], NDArray[np.float64]], spin: SeenSpin
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return mean (3,) rad/s and covariance (3, 3) of the product of two normal densities of an
     angular velocity.
 
-    Parameters
-    ----------
-    known : (3,) rad/s and (3, 3), mean and covariance of one of them
-    spin : the other one
+    `unknown_spin` (3,) rad/s and (3, 3), mean and covariance of one of them.
     """
-    mean, covariance = known
+    mean, covariance = unknown_spin
     gain = np.linalg.solve(covariance + spin.covariance, covariance).T
     keep = np.eye(3) - gain
     spread = keep @ covariance @ keep.T + gain @ spin.covariance @ gain.T
@@ -371,21 +373,21 @@ def innovation_of(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Measured less predicted centre and radius (4,), and its covariance (4, 4): what all frames
     share makes no difference."""
-    innovation = np.append(detection.center, detection.radius) - track.mean[MEASURED]
+    innovation = np.append(detection.center, detection.radius) - track.mean[PLACED]
     if track.attitude is not None:
         # Its radius stands for a height that follows from the attitude.
         innovation[3] = 0.0
-    own = detection.covariance - detection.systematic
-    return innovation, track.covariance[np.ix_(MEASURED, MEASURED)] + own
+    frame_covariance = detection.covariance - detection.systematic
+    return innovation, track.covariance[np.ix_(PLACED, PLACED)] + frame_covariance
 
 
-def _rested(track: Track, duration: float, deviation: float) -> Prediction:
+def _rested(track: Track, duration: float) -> Prediction:
     """What lies still stays, whatever holds it: that may be no plane of the model."""
     mean, transition = track.mean.copy(), np.eye(SIZE)
     mean[VELOCITY] = 0.0
     transition[VELOCITY, VELOCITY] = 0.0
     covariance = transition @ track.covariance @ transition.T
-    covariance[VELOCITY, VELOCITY] += deviation**2 * np.eye(3)
+    covariance[VELOCITY, VELOCITY] += RESTING_SPEED_DEVIATION**2 * np.eye(3)
     # As much as at 30 Hz, whatever the frame rate.
-    covariance[POSITION, POSITION] += deviation**2 * duration * FRAME_TIME * np.eye(3)
+    covariance[POSITION, POSITION] += RESTING_SPEED_DEVIATION**2 * duration * FRAME_TIME * np.eye(3)
     return Prediction(mean, covariance, transition)

@@ -11,18 +11,60 @@ from intuitive_physics.scene import Environment, SceneObject
 from intuitive_physics.shapes import Capsule
 from intuitive_physics_perception.detection.detections import Detection, kind_of
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.tracking.motion import POSITION, RADIUS, SIZE
+from intuitive_physics_perception.tracking.motion import (
+    GATE,
+    PLACED,
+    POSITION,
+    RADIUS,
+    SIZE,
+    lasting,
+)
 from intuitive_physics_perception.tracking.motion_fits import fitted_motion
-from intuitive_physics_perception.tracking.settings import TrackingSettings, lasting
 from intuitive_physics_perception.tracking.size_classes import SizeClasses
 from intuitive_physics_perception.tracking.smoother import FilterStep
 from intuitive_physics_perception.tracking.supports import surfaces_of
 from intuitive_physics_perception.tracking.track import (
-    MEASURED,
     Track,
     TrackFilter,
     innovation_of,
 )
+
+COLOR_TIME = 0.116
+"""Time in which a colour fades from a track's mean, as light changes, s: at 30 Hz the newest frame
+has a weight of 0.25."""
+
+COLOR_DEVIATION = 0.1
+"""Standard deviation of an object's mean colour (0 to 1) from frame to frame, as light and shade
+change."""
+
+MAX_COLOR_COST = 25.0
+"""Largest cost of another colour, in variances of position: a shadow costs no more than to be five
+standard deviations off."""
+
+RADIUS_GATE = 4.0
+"""Standard deviations by which a radius may differ within one track."""
+
+RADIUS_SLACK = 0.003
+"""What a radius may differ beyond that, m."""
+
+TENTATIVE_TIME = 0.08
+"""A track that is not confirmed and unseen for longer is closed, s: at 30 Hz one frame may miss
+it."""
+
+FLIGHT_GAP = 0.01
+"""Gap to every surface from which on an object is in free flight, m."""
+
+LEAVING_GATE = 25.0
+"""Squared velocity, in variances of a fit over half of `rest_time`, from which on it is no noise;
+what is faster than `rest_speed` besides leaves its rest."""
+
+RESTING_PART = 0.8
+"""Part of `rest_speed` below which an object may come to rest: what has just left its rest does not
+come to it for noise."""
+
+RECOGNITION_PATIENCE = 4
+"""Multiple of `confirming_hits` after which a track is confirmed though its radius does not yet
+distinguish known objects."""
 
 SMALLEST_LOG_DETERMINANT = -80.0
 """Below the logarithm of the determinant of any innovation's covariance, (4, 4) m²: costs of pairs
@@ -76,19 +118,17 @@ class Tracker:
 
     def flies(self, track: Track) -> bool:
         """Return whether an object touches nothing and moves."""
-        reach = float(track.mean[RADIUS]) + self._settings.tracking.flight_gap
+        reach = float(track.mean[RADIUS]) + FLIGHT_GAP
         surfaces = surfaces_of(self._environment)
         return not track.resting and not surfaces.touches(track.mean[POSITION], reach)
 
     def expected_spheres(self, time: float) -> list[NDArray[np.float64]]:
         """Return centre and radius (4,) m of each sphere that is followed, as expected at a time.
 
-        Parameters
-        ----------
-        time : s, later than that of the frame before
+        `time` in s, later than that of the frame before.
         """
         self._carry_on(time)
-        return [track.mean[MEASURED] for track in self._tracks if track.kind == "sphere"]
+        return [track.mean[PLACED] for track in self._tracks if track.kind == "sphere"]
 
     def _carry_on(self, time: float) -> None:
         for track in self._tracks:
@@ -98,26 +138,24 @@ class Tracker:
     def update(self, time: float, detections: Sequence[Detection]) -> list[Track]:
         """Take what a frame shows, in the environment's frame; return tracks that ended.
 
-        Parameters
-        ----------
-        time : s, later than that of the frame before
+        `time` in s, later than that of the frame before.
         """
         ended = [track for track in self._tracks if self._is_lost(track, time)]
         self._tracks = [track for track in self._tracks if not self._is_lost(track, time)]
         self._carry_on(time)
-        seen = self._matches(detections)
+        matches = self._matches(detections)
         for track in self._tracks:
-            detection = seen.get(track.number)
+            detection = matches.get(track.number)
             if detection is not None:
                 unseen = time - track.last_seen
                 self._filter.correct(track, detection)
-                fading = unseen / self._settings.tracking.color_time
+                fading = unseen / COLOR_TIME
                 track.take_color(detection.color, -float(np.expm1(-fading)))
                 settle(track, self._settings)
                 self._classify(track)
             track.close_step(detection)
             self._follow_rest(track)
-        taken = [id(detection) for detection in seen.values()]
+        taken = [id(detection) for detection in matches.values()]
         self._tracks += [
             self._new_track(time, detection)
             for detection in detections
@@ -129,32 +167,29 @@ class Tracker:
     def take_earlier(self, track: Track) -> None:
         """Filter a track again from its earliest detection; no earlier one is looked for any more.
 
-        Parameters
-        ----------
-        track : with at most as many steps as it keeps
+        `track`: with at most as many steps as it keeps.
         """
-        seen, since = track.seen, track.steps[0].time
+        detections, since = track.seen, track.steps[0].time
         if track.earlier:
-            again = self._filter.begin(track.number, *seen[0])
-            again.close_step(seen[0][1])
-            by_time = dict(seen)
+            fresh = self._filter.begin(track.number, *detections[0])
+            fresh.close_step(detections[0][1])
+            by_time = dict(detections)
             times = sorted({*by_time, *(step.time for step in track.steps)})
             for time in times[1:]:
-                self._filter.predict(again, time)
+                self._filter.predict(fresh, time)
                 if time in by_time:
-                    self._filter.correct(again, by_time[time])
-                again.close_step(by_time.get(time))
-            settle(again, self._settings)
-            track.mean, track.covariance = again.mean, again.covariance
-            track.prediction, track.steps = again.prediction, again.steps
+                    self._filter.correct(fresh, by_time[time])
+                fresh.close_step(by_time.get(time))
+            settle(fresh, self._settings)
+            track.mean, track.covariance = fresh.mean, fresh.covariance
+            track.prediction, track.steps = fresh.prediction, fresh.steps
             if track.moving_since == since:
-                track.moving_since = again.moving_since
+                track.moving_since = fresh.moving_since
         track.earlier = None
 
     def _matches(self, detections: Sequence[Detection]) -> dict[int, Detection]:
         """Pair numbers of tracks and detections: by what is likely, then by what a hit or a hand
         could explain. Colour has a say in what is likely, never in what is possible."""
-        tracking = self._settings.tracking
         likely = np.full((len(self._tracks), len(detections)), np.inf)
         possible = likely.copy()
         for k, track in enumerate(self._tracks):
@@ -162,17 +197,17 @@ class Tracker:
                 if kind_of(detection) != track.kind:
                     continue
                 innovation, spread = innovation_of(track, detection)
-                unlike = color_cost(track.color, detection.color, tracking)
+                unlike = color_cost(track.color, detection.color)
                 distance2 = float(innovation @ np.linalg.solve(spread, innovation)) + unlike
-                if distance2 < tracking.gate:
+                if distance2 < GATE:
                     # As the likelihood has it: a wide guess must not win by its width.
                     width = float(np.linalg.slogdet(spread)[1]) - SMALLEST_LOG_DETERMINANT
                     likely[k, n] = distance2 + max(width, 0.0)
                 away, reach = float(np.linalg.norm(innovation[:3])), self._reach(track, spread)
-                slack = tracking.radius_gate * np.sqrt(spread[3, 3]) + tracking.radius_slack
+                slack = RADIUS_GATE * np.sqrt(spread[3, 3]) + RADIUS_SLACK
                 if away < reach and abs(innovation[3]) < slack:
                     # Another colour is worse than any place where it could be.
-                    possible[k, n] = away + reach * unlike / tracking.max_color_cost
+                    possible[k, n] = away + reach * unlike / MAX_COLOR_COST
         pairs = cheapest_pairs(likely)
         for k, n in pairs:
             possible[k, :] = possible[:, n] = np.inf
@@ -192,18 +227,20 @@ class Tracker:
         if len(recent) < 3 or not (track.resting or self._has_come_to_rest(track)):
             return
         times = np.array([step.time for step in recent])
-        found = [step.seen for step in recent if step.seen is not None]
+        detections = [step.seen for step in recent if step.seen is not None]
         motion, spread = fitted_motion(
             times - times[0],
-            np.stack([one.center for one in found]),
-            np.stack([(one.covariance - one.systematic)[:3, :3] for one in found]),
+            np.stack([detection.center for detection in detections]),
+            np.stack(
+                [(detection.covariance - detection.systematic)[:3, :3] for detection in detections]
+            ),
             np.zeros(3),
         )
         velocity, covariance = motion[3:], spread[3:, 3:]
         speed = float(np.linalg.norm(velocity))
-        moves = velocity @ np.linalg.solve(covariance, velocity) > settings.tracking.leaving_gate
+        moves = velocity @ np.linalg.solve(covariance, velocity) > LEAVING_GATE
         if not track.resting:
-            slow = speed < settings.tracking.resting_part * settings.rest_speed
+            slow = speed < RESTING_PART * settings.rest_speed
             track.resting = bool(slow or not moves)
         elif moves and speed > settings.rest_speed:
             track.leave_rest(float(times[0]), velocity, covariance)
@@ -224,7 +261,7 @@ class Tracker:
         unseen = time - track.last_seen
         # At a low rate the next frame may be the first that could have shown it again.
         missed = track.steps[-1].seen is None
-        if not track.confirmed and missed and unseen > self._settings.tracking.tentative_time:
+        if not track.confirmed and missed and unseen > TENTATIVE_TIME:
             return True
         return unseen > self._settings.coast_time
 
@@ -265,9 +302,7 @@ def _seen(track: Track, duration: float) -> list[FilterStep]:
 def cheapest_pairs(costs: NDArray[np.float64]) -> list[tuple[int, int]]:
     """Return pairs (row, column): as many as can be, and of these the cheapest together.
 
-    Parameters
-    ----------
-    costs : (n, m), not negative; inf where a pair is impossible
+    `costs` (n, m), not negative; inf where a pair is impossible.
     """
     from scipy.optimize import linear_sum_assignment
 
@@ -283,21 +318,17 @@ def cheapest_pairs(costs: NDArray[np.float64]) -> list[tuple[int, int]]:
 def color_cost(
     first: NDArray[np.float64] | None,
     second: NDArray[np.float64] | None,
-    tracking: TrackingSettings,
 ) -> float:
-    """Return the squared distance of two colours in variances, at most `max_color_cost`.
+    """Return the squared distance of two colours in variances, at most `MAX_COLOR_COST`.
 
     0 where one is unknown: then position alone decides.
 
-    Parameters
-    ----------
-    first, second : (3,) red, green and blue, 0 to 1
-    tracking : tuned numbers
+    `first` (3,) and `second` (3,) red, green and blue, 0 to 1.
     """
     if first is None or second is None:
         return 0.0
-    distance2 = float(np.sum(np.square((first - second) / tracking.color_deviation)))
-    return min(distance2, tracking.max_color_cost)
+    distance2 = float(np.sum(np.square((first - second) / COLOR_DEVIATION)))
+    return min(distance2, MAX_COLOR_COST)
 
 
 def settle(track: Track, settings: PerceptionSettings) -> None:
@@ -314,8 +345,7 @@ def _is_settled(track: Track, settings: PerceptionSettings) -> bool:
         not settings.known_objects
         or track.attitude is not None
         or 2.0 * deviation < settings.known_object_tolerance
-        or track.seen_time
-        >= lasting(settings.tracking.recognition_patience * settings.confirming_hits)
+        or track.seen_time >= lasting(RECOGNITION_PATIENCE * settings.confirming_hits)
     )
 
 
@@ -323,7 +353,7 @@ def _recognise(track: Track, settings: PerceptionSettings) -> None:
     """Give the track the known object nearest in radius, whose radius then holds."""
     known = min(
         settings.known_objects,
-        key=lambda one: abs(one.radius - track.mean[RADIUS]),
+        key=lambda item: abs(item.radius - track.mean[RADIUS]),
         default=None,
     )
     if known is None or track.attitude is not None:
@@ -334,14 +364,14 @@ def _recognise(track: Track, settings: PerceptionSettings) -> None:
     track.known = known
     # A measurement of the radius alone, as good as a known one: it moves the centre, too.
     whole = track.covariance.copy()
-    whole[np.ix_(MEASURED, MEASURED)] += track.systematic
+    whole[np.ix_(PLACED, PLACED)] += track.systematic
     gain = whole[:, RADIUS] / (whole[RADIUS, RADIUS] + KNOWN_RADIUS_DEVIATION**2)
     keep = np.eye(SIZE)
     keep[:, RADIUS] -= gain
     track.mean = track.mean + gain * (known.radius - track.mean[RADIUS])
     track.covariance = keep @ track.covariance @ keep.T
     track.covariance += KNOWN_RADIUS_DEVIATION**2 * np.outer(gain, gain)
-    keep = keep[np.ix_(MEASURED, MEASURED)]
+    keep = keep[np.ix_(PLACED, PLACED)]
     track.systematic = keep @ track.systematic @ keep.T
 
 

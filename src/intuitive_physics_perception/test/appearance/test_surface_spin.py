@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from intuitive_physics_perception.appearance import spin_fit
 from intuitive_physics_perception.appearance.registration import (
     CELLS,
     DISAGREEMENT,
@@ -22,14 +23,12 @@ from intuitive_physics_perception.appearance.registration import (
     best_apart,
     overlay,
 )
-from intuitive_physics_perception.appearance.settings import AppearanceSettings
-from intuitive_physics_perception.appearance.sphere_image import SphereImage, pitch_of
+from intuitive_physics_perception.appearance.sphere_image import GRID_CELLS, SphereImage, pitch_of
 from intuitive_physics_perception.appearance.spin_fit import ImageSeries, Spin
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
 from intuitive_physics_perception.appearance.turn_search import LAGS, ball_of_turns, turn_tables
 
-SETTINGS = AppearanceSettings()
-CELLS_ACROSS = SETTINGS.cells
+CELLS_ACROSS = GRID_CELLS
 RATE = 30.0
 
 Field = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -124,7 +123,7 @@ def test_smooth_light_makes_no_difference() -> None:
 @pytest.mark.parametrize("spin", [(0.5, 2.0, -3.0), (12.0, -9.0, 4.0), (30.0, 5.0, -25.0)])
 def test_a_texture_tells_the_spin(spin: tuple[float, float, float]) -> None:
     truth = np.array(spin)
-    found = SurfaceSpin(SETTINGS)
+    found = SurfaceSpin()
     for time, one in zip(*flight(waves(3), truth, 6), strict=True):
         found.take(time, one)
     assert found.spin is not None
@@ -137,7 +136,7 @@ def last_spin(
     surface: Field, spin: NDArray[np.float64], frames: int, seed: int, noise: float = 0.05
 ) -> Spin | None:
     """What is known of a spin at the end of a flight."""
-    found, rng = SurfaceSpin(SETTINGS), np.random.default_rng(seed)
+    found, rng = SurfaceSpin(), np.random.default_rng(seed)
     for time, one in zip(*flight(surface, spin, frames, seed, noise=noise, rng=rng), strict=True):
         found.take(time, one)
     return found.spin
@@ -185,7 +184,7 @@ def test_a_pattern_on_one_side_is_known_when_it_comes_back() -> None:
 
 
 def test_views_without_a_common_part_tell_nothing() -> None:
-    found = SurfaceSpin(SETTINGS)
+    found = SurfaceSpin()
     for k, toward in enumerate(([-1.0, 0.0, 0.1], [1.0, 0.0, 0.1], [0.0, 0.0, -1.0])):
         axes = axes_towards(np.array(toward) + [0.0, 0.01, 0.0])
         found.take(k / RATE, image(waves(k), np.eye(3), axes))
@@ -196,9 +195,7 @@ def test_centres_that_are_off_alike_turn_the_axis() -> None:
     spin, deviation = np.array([0.0, 40.0, 30.0]), 0.02
     times, images = flight(waves(3), spin, 6)
     exact, unsure = (
-        ImageSeries(times, [replace(one, place_deviation=off) for one in images], SETTINGS).fitted(
-            spin
-        )
+        ImageSeries(times, [replace(one, place_deviation=off) for one in images]).fitted(spin)
         for off in (0.0, deviation)
     )
     # Turned about an axis across the line of sight, which is near -x, the spin moves along x.
@@ -206,20 +203,22 @@ def test_centres_that_are_off_alike_turn_the_axis() -> None:
     assert more > 0.9 * (deviation * np.linalg.norm(spin)) ** 2
 
 
-def test_noise_widens_the_covariance() -> None:
-    spreads, exact = [], replace(SETTINGS, alignment_deviation=0.0, light_slope=0.0)
+def test_noise_widens_the_covariance(monkeypatch) -> None:
+    monkeypatch.setattr(spin_fit, "ALIGNMENT_DEVIATION", 0.0)
+    monkeypatch.setattr(spin_fit, "LIGHT_SLOPE", 0.0)
+    spreads = []
     for noise in (0.0, 0.4):
         times, images = flight(
             waves(4), np.array([4.0, 2.0, 1.0]), 5, noise=noise, rng=np.random.default_rng(0)
         )
-        found = ImageSeries(times, images, exact).fitted(np.array([4.0, 2.0, 1.0]))
+        found = ImageSeries(times, images).fitted(np.array([4.0, 2.0, 1.0]))
         spreads.append(float(np.trace(found.covariance)))
     assert spreads[1] > 1.5 * spreads[0]
 
 
 @pytest.mark.parametrize("seed", range(10))
 def test_noise_is_no_pattern(seed: int) -> None:
-    found = SurfaceSpin(SETTINGS)
+    found = SurfaceSpin()
     plain: Field = lambda n: 0.0 * n[..., 0]  # noqa: E731
     rng = np.random.default_rng(seed)
     for time, one in zip(*flight(plain, np.ones(3), 7, noise=1.0, rng=rng), strict=True):
@@ -228,7 +227,7 @@ def test_noise_is_no_pattern(seed: int) -> None:
 
 
 def test_what_stands_still_in_the_room_is_light() -> None:
-    found = SurfaceSpin(SETTINGS)
+    found = SurfaceSpin()
     for time, one in zip(*flight(waves(5), np.zeros(3), 7), strict=True):
         found.take(time, one)
         assert found.spin is None
@@ -237,7 +236,7 @@ def test_what_stands_still_in_the_room_is_light() -> None:
 def test_a_pattern_that_looks_the_same_elsewhere_has_no_one_spin() -> None:
     # Sixteen meridians: a turn about their axis by a sixteenth goes unnoticed.
     meridians: Field = lambda n: np.cos(16.0 * np.arctan2(n[..., 0], n[..., 1]))  # noqa: E731
-    found = SurfaceSpin(SETTINGS)
+    found = SurfaceSpin()
     axes = axes_towards(np.array([0.0, 0.1, 1.0]))
     for k in range(6):
         turn = Rotation.from_rotvec([0.0, 0.0, 0.15 * k]).as_matrix()
@@ -246,7 +245,7 @@ def test_a_pattern_that_looks_the_same_elsewhere_has_no_one_spin() -> None:
 
 
 def test_another_spin_after_a_hit_is_not_the_one_before() -> None:
-    found = SurfaceSpin(SETTINGS)
+    found = SurfaceSpin()
     times, images = flight(waves(6), np.array([8.0, 2.0, -3.0]), 5)
     _, others = flight(waves(6), np.array([-6.0, 9.0, 7.0]), 12, seed=9)
     for time, one in zip(times, images, strict=True):
@@ -258,7 +257,7 @@ def test_another_spin_after_a_hit_is_not_the_one_before() -> None:
 
 
 def test_forgetting_begins_again() -> None:
-    found = SurfaceSpin(SETTINGS)
+    found = SurfaceSpin()
     times, images = flight(waves(7), np.array([8.0, 2.0, -3.0]), 5)
     for time, one in zip(times, images, strict=True):
         found.take(time, one)

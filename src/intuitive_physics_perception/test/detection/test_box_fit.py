@@ -7,7 +7,6 @@ import pytest
 
 from intuitive_physics_perception.compile import warm_up
 from intuitive_physics_perception.detection import box_fit
-from intuitive_physics_perception.detection.settings import SolidDetectionSettings
 
 
 @pytest.mark.parametrize("count", [100, 1500])
@@ -18,9 +17,7 @@ def test_one_kind_of_array_is_compiled_for(count: int, kind: type) -> None:
     rng = np.random.default_rng(3)
     points = rng.uniform(0.0, 0.3, (count, 3))
     points[np.arange(count), np.arange(count) % 3] = 0.0
-    faces = box_fit.find_faces(
-        (points + 1.0).astype(kind), np.full(count, 1e-3, kind), SolidDetectionSettings(), rng
-    )
+    faces = box_fit.find_faces((points + 1.0).astype(kind), np.full(count, 1e-3, kind), rng)
     assert faces is not None
     assert np.abs(np.abs(faces.rotation) - np.abs(faces.rotation).round()).max() < 0.05
     assert len(box_fit._near_counts.signatures) == 1

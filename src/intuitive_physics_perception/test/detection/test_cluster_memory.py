@@ -6,11 +6,13 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from intuitive_physics_perception.detection.cluster_memory import ClusterMemory
-from intuitive_physics_perception.detection.settings import ClusterSettings
+from intuitive_physics_perception.detection.cluster_memory import (
+    FIRST_SEARCHES,
+    FRAMES_REMEMBERED,
+    SEARCH_PERIOD,
+    ClusterMemory,
+)
 from intuitive_physics_perception.environment.noise import RangeNoise
-
-SETTINGS = ClusterSettings()
 
 NOISE = RangeNoise(0.0, 0.0, 0.0, 0.0)
 STILLNESS = 0.01
@@ -30,36 +32,36 @@ def searched_in(memory: ClusterMemory[str], frames: int) -> int:
 
 @given(periods=st.integers(1, 5))
 def test_what_stays_is_searched_at_first_and_once_in_a_period(periods: int) -> None:
-    count = searched_in(ClusterMemory(STILLNESS, SETTINGS, NOISE), periods * SETTINGS.search_period)
-    assert SETTINGS.first_searches <= count <= SETTINGS.first_searches + periods
+    count = searched_in(ClusterMemory(STILLNESS, NOISE), periods * SEARCH_PERIOD)
+    assert FIRST_SEARCHES <= count <= FIRST_SEARCHES + periods
 
 
-@given(gap=st.integers(0, 2 * SETTINGS.frames_remembered))
+@given(gap=st.integers(0, 2 * FRAMES_REMEMBERED))
 def test_what_was_away_for_a_short_time_is_known_again(gap: int) -> None:
-    memory: ClusterMemory[str] = ClusterMemory(STILLNESS, SETTINGS, NOISE)
-    searched_in(memory, SETTINGS.first_searches)
+    memory: ClusterMemory[str] = ClusterMemory(STILLNESS, NOISE)
+    searched_in(memory, FIRST_SEARCHES)
     for _ in range(gap):
         memory.end_frame()
     known = memory.recall(CLUSTER)
-    assert known.deserves_a_search == (gap > SETTINGS.frames_remembered)
-    assert known.found == (None if gap > SETTINGS.frames_remembered else "box")
+    assert known.deserves_a_search == (gap > FRAMES_REMEMBERED)
+    assert known.found == (None if gap > FRAMES_REMEMBERED else "box")
 
 
 @given(waits=st.integers(0, 40))
 def test_waiting_takes_no_search_away(waits: int) -> None:
-    memory: ClusterMemory[str] = ClusterMemory(STILLNESS, SETTINGS, NOISE)
+    memory: ClusterMemory[str] = ClusterMemory(STILLNESS, NOISE)
     for _ in range(waits):
         known = memory.recall(CLUSTER)
         assert known.deserves_a_search
         memory.postpone(known)
         memory.end_frame()
-    assert searched_in(memory, SETTINGS.first_searches) == SETTINGS.first_searches
+    assert searched_in(memory, FIRST_SEARCHES) == FIRST_SEARCHES
 
 
 def test_what_moved_or_grew_is_new() -> None:
     for other in (CLUSTER + 2.0 * STILLNESS, np.concatenate([CLUSTER, CLUSTER])):
-        memory: ClusterMemory[str] = ClusterMemory(STILLNESS, SETTINGS, NOISE)
-        searched_in(memory, 2 * SETTINGS.first_searches)
+        memory: ClusterMemory[str] = ClusterMemory(STILLNESS, NOISE)
+        searched_in(memory, 2 * FIRST_SEARCHES)
         assert memory.recall(other).found is None
 
 
@@ -67,7 +69,7 @@ def test_noise_makes_no_new_cluster_of_what_is_far() -> None:
     # 200 readings that share errors of 0.03 m in groups of 8: their mean is sure to 6 mm.
     rng = np.random.default_rng(1)
     noise = RangeNoise(0.03, 0.0, 1.0, 0.0, correlated=8.0)
-    memory: ClusterMemory[str] = ClusterMemory(0.001, SETTINGS, noise)
+    memory: ClusterMemory[str] = ClusterMemory(0.001, noise)
     fresh = 0
     for _ in range(200):
         errors = np.repeat(rng.normal(0.0, 0.03, size=25), 8)
@@ -81,7 +83,7 @@ def test_noise_makes_no_new_cluster_of_what_is_far() -> None:
 
 @given(results=st.lists(st.booleans(), min_size=1, max_size=30))
 def test_successes_are_counted_as_long_as_a_cluster_stays(results: list[bool]) -> None:
-    memory: ClusterMemory[None] = ClusterMemory(STILLNESS, SETTINGS, NOISE)
+    memory: ClusterMemory[None] = ClusterMemory(STILLNESS, NOISE)
     for result in results:
         known = memory.recall(CLUSTER).after_search(success=result)
         assert not result or known.deserves_a_search
@@ -93,7 +95,7 @@ def test_successes_are_counted_as_long_as_a_cluster_stays(results: list[bool]) -
 
 @given(order=st.permutations([0, 1, 2, 3]))
 def test_what_waits_is_counted_until_it_is_searched(order: list[int]) -> None:
-    memory: ClusterMemory[None] = ClusterMemory(STILLNESS, SETTINGS, NOISE)
+    memory: ClusterMemory[None] = ClusterMemory(STILLNESS, NOISE)
     for waits in order:
         for k in range(waits):
             known = memory.recall(CLUSTER)

@@ -55,7 +55,7 @@ def fitted(
     for _ in range(2):
         beyond = readings_beyond(points, sphere, model)
         sphere, covariance, shift, _, inliers = refine_sphere(
-            near, beyond, sphere, *LIMITS, 3.0, model, 0.0, growth
+            near, beyond, sphere, *LIMITS, model, 0.0, growth
         )
         assert inliers > 50
     return sphere, covariance, shift

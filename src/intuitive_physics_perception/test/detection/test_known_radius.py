@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from intuitive_physics_perception.detection.fitted_sphere import RADIUS_DEVIATION, SphereFit
-from intuitive_physics_perception.detection.settings import SphereDetectionSettings
 
-SETTINGS = SphereDetectionSettings()
 TOLERANCE = 0.006
 SPHERE = np.array([0.1, 0.2, 1.5, 0.052])
 DEVIATIONS = np.array([0.001, 0.001, 0.004, 0.003])
@@ -23,9 +21,7 @@ FIT = SphereFit(SPHERE, COVARIANCE + SYSTEMATIC, SYSTEMATIC)
 
 
 def test_the_centre_moves_with_the_radius_as_both_go_together() -> None:
-    known = SphereFit(SPHERE, COVARIANCE, np.zeros((4, 4))).with_known_radius(
-        [0.05], TOLERANCE, SETTINGS
-    )
+    known = SphereFit(SPHERE, COVARIANCE, np.zeros((4, 4))).with_known_radius([0.05], TOLERANCE)
     assert known.sphere[3] == pytest.approx(0.05, abs=1e-5)
     # E[z | r] = z + C_zr / C_rr (r̄ - r)
     assert known.sphere[2] == pytest.approx(1.5 - 0.9 * 4.0 / 3.0 * 0.002, rel=1e-3)
@@ -41,7 +37,7 @@ def test_the_centre_moves_with_the_radius_as_both_go_together() -> None:
 
 
 def test_what_all_frames_share_shrinks_as_its_part_of_the_whole_does() -> None:
-    known = FIT.with_known_radius([0.05], TOLERANCE, SETTINGS)
+    known = FIT.with_known_radius([0.05], TOLERANCE)
     # With g = P_cr / P_rr the error s of the fit becomes s - g s_r, and so does the whole one's.
     gain = FIT.covariance[:, 3] / (FIT.covariance[3, 3] + RADIUS_DEVIATION**2)
     left = SHIFT - gain * SHIFT[3]
@@ -53,9 +49,9 @@ def test_what_all_frames_share_shrinks_as_its_part_of_the_whole_does() -> None:
 
 @pytest.mark.parametrize("radii", [[], [0.08], [0.051, 0.0545]])
 def test_nothing_is_assumed_without_a_clear_match(radii) -> None:
-    assert FIT.with_known_radius(radii, TOLERANCE, SETTINGS) is FIT
+    assert FIT.with_known_radius(radii, TOLERANCE) is FIT
 
 
 def test_the_clearly_nearer_of_two_is_taken() -> None:
-    known = FIT.with_known_radius([0.075, 0.05, 0.025], TOLERANCE, SETTINGS)
+    known = FIT.with_known_radius([0.075, 0.05, 0.025], TOLERANCE)
     assert known.sphere[3] == pytest.approx(0.05, abs=1e-5)

@@ -179,29 +179,27 @@ def looked_at(before: NDArray[np.float32], shapes: Sequence[Shape], sphere: Sequ
     points = frame(shapes, np.random.default_rng(0)).reshape(-1, 3)
     own = points[:, 2] < WALL - 0.05
     noise = np.square([NOISE, 0.0, 1.0, 1e-4])
-    return look_round_outline(
-        points, own, before.ravel(), np.array(sphere), 1.0 / FOCAL, 3.0, noise
-    )
+    return look_round_outline(points, own, before.ravel(), np.array(sphere), 1.0 / FOCAL, noise)
 
 
 def test_the_ring_tells_a_ball_from_a_bulge() -> None:
     unknown = np.full((HEIGHT, WIDTH), np.nan, dtype=np.float32)
     sphere = [0.0, 0.0, 1.0, 0.08]
-    goes_on, level, ends, new, _ = looked_at(unknown, [ball(sphere[:3], 0.08)], sphere)
-    assert (goes_on, level, ends, new) == (0.0, 0.0, 1.0, 1.0)
+    seen = looked_at(unknown, [ball(sphere[:3], 0.08)], sphere)
+    assert (seen.goes_on, seen.level, seen.ends, seen.new) == (0.0, 0.0, 1.0, 1.0)
     # Half of a ball on a plate through its centre: the plate goes on all round.
     plate = box([0.0, 0.0, 1.05], [0.5, 0.5, 0.1])
-    goes_on, level, ends, _, _ = looked_at(unknown, [ball(sphere[:3], 0.08), plate], sphere)
-    assert (goes_on, level, ends) == (1.0, 1.0, 0.0)
+    seen = looked_at(unknown, [ball(sphere[:3], 0.08), plate], sphere)
+    assert (seen.goes_on, seen.level, seen.ends) == (1.0, 1.0, 0.0)
 
 
 def test_what_was_read_before_is_not_new() -> None:
     sphere = [0.0, 0.0, 1.0, 0.08]
     shapes = [ball(sphere[:3], 0.08)]
     there = np.linalg.norm(frame(shapes, np.random.default_rng(1)), axis=2)
-    assert looked_at(there, shapes, sphere)[3] < 0.05
+    assert looked_at(there, shapes, sphere).new < 0.05
     wall = np.linalg.norm(frame([], np.random.default_rng(1)), axis=2)
-    assert looked_at(wall, shapes, sphere)[3] > 0.95
+    assert looked_at(wall, shapes, sphere).new > 0.95
 
 
 def test_patches_of_a_ball_have_the_errors_of_the_noise_and_those_of_an_ellipsoid_more() -> None:
@@ -209,6 +207,6 @@ def test_patches_of_a_ball_have_the_errors_of_the_noise_and_those_of_an_ellipsoi
     sphere = [0.0, 0.0, 1.0, 0.08]
     for stretch, least, most in ((1.0, 0.5, 2.0), (1.1, 5.0, np.inf)):
         shape = ellipsoid(sphere[:3], [0.08 * stretch, 0.08, 0.08])
-        patches = looked_at(unknown, [shape], sphere)[4]
+        patches = looked_at(unknown, [shape], sphere).patches
         readings, errors, variances = patches[patches[:, 0] > 0].T
         assert least < np.mean(errors**2 * readings / variances) < most

@@ -13,7 +13,6 @@ from intuitive_physics.shapes import Box, Capsule
 from intuitive_physics_perception.detection.foreground import ForegroundFinder
 from intuitive_physics_perception.detection.solids import SolidFinder
 from intuitive_physics_perception.environment.static_boxes import StaticBoxFilter
-from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SETTINGS = PerceptionSettings()
@@ -22,12 +21,12 @@ SETTINGS = PerceptionSettings()
 @pytest.fixture(scope="module")
 def find(corner_model):
     """Solids of a depth image of the corner, in the world."""
-    room, rays, model = corner_model
+    room, model = corner_model
     foreground = ForegroundFinder(model, SETTINGS)
     finder = SolidFinder(model, SETTINGS, np.random.default_rng(4))
 
     def solids(*shapes, balls=()):
-        points = points_from_depth(room.depth(balls, shapes), rays)
+        points = room.points(balls, shapes)
         found = finder.find(points, foreground.find(points).indices)
         return [solid.moved(room.rotation, room.origin) for solid in found if solid is not None]
 
@@ -99,20 +98,20 @@ def test_a_box_of_which_one_face_is_seen_has_no_depth(find, shapes) -> None:
 
 
 def test_what_the_image_cuts_off_is_not_measured(corner_model, find, shapes) -> None:
-    room, _, _ = corner_model
+    room, _ = corner_model
     edge = room.rotation @ (np.array([(0 - 319.5) / room.focal, -0.1, 1.0]) * 1.5) + room.origin
     assert find(shapes["box"](edge, (0.2, 0.2, 0.2), 0.6)) == []
 
 
 def test_a_static_box_of_the_environment_is_no_object(corner_model, shapes) -> None:
-    room, rays, model = corner_model
+    room, model = corner_model
     place, edges = np.array([1.5, 0.0, 0.08]), (0.2, 0.24, 0.16)
     turn = Rotation.from_matrix(model.rotation @ room.rotation.T) * Rotation.from_euler("z", 0.7)
     center = model.to_environment(room.to_camera(place))
     crate = StaticBox("crate", "wood", center, turn.as_quat(), edges)
     known = model.environment
     furnished = replace(model, environment=Environment(known.planes, [crate], known.gravity))
-    points = points_from_depth(room.depth(extra=[shapes["box"](place, edges, 0.7)]), rays)
+    points = room.points(extra=[shapes["box"](place, edges, 0.7)])
     clusters = ForegroundFinder(model, SETTINGS).find(points).indices
     for world, count in ((model, 1), (furnished, 0)):
         finder = SolidFinder(world, SETTINGS, np.random.default_rng(4))
@@ -121,7 +120,7 @@ def test_a_static_box_of_the_environment_is_no_object(corner_model, shapes) -> N
 
 
 def test_a_crate_is_a_static_box_and_a_ball_before_it_or_on_it_is_not(corner_model, shapes) -> None:
-    room, rays, model = corner_model
+    room, model = corner_model
     place, edges = np.array([1.6, 0.0, 0.1]), (0.3, 0.3, 0.2)
     turn = Rotation.from_matrix(model.rotation @ room.rotation.T) * Rotation.from_euler("z", 0.5)
     crate = StaticBox(
@@ -133,7 +132,7 @@ def test_a_crate_is_a_static_box_and_a_ball_before_it_or_on_it_is_not(corner_mod
     static_boxes = StaticBoxFilter(furnished, SETTINGS)
     box = shapes["box"](place, edges, 0.5)
     for balls in ([], [((1.25, 0.0, 0.25), 0.05)], [((1.6, 0.0, 0.25), 0.05)]):
-        points = points_from_depth(room.depth(balls, [box]), rays)
+        points = room.points(balls, [box])
         clusters = static_boxes.without(points, foreground.find(points))
         assert len(clusters.indices) == len(balls)
         if balls:

@@ -23,7 +23,7 @@ def test_what_lies_before_planes_is_what_no_pixel_has_behind_its_free_range(
     corner_model, seed, scale
 ) -> None:
     """Random readings in all directions, and one in ten of them missing."""
-    model = corner_model[2]
+    model = corner_model[1]
     rng = np.random.default_rng(seed)
     points = (rng.normal(size=(400, 3)) * scale * [0.5, 0.4, 1.0]).astype(np.float32)
     points[rng.random(400) < 0.1] = np.nan
@@ -78,10 +78,9 @@ def test_a_cone_holds_what_is_near_its_axis(seed, angle) -> None:
 
 def test_a_shuffled_cloud_has_the_ball_of_its_image(corner_model) -> None:
     from intuitive_physics_perception.detection.spheres import SphereFinder
-    from intuitive_physics_perception.input.depth import points_from_depth
 
-    room, rays, model = corner_model
-    image = points_from_depth(room.depth([((1.4, 0.1, 0.3), 0.07)]), rays)
+    room, model = corner_model
+    image = room.points([((1.4, 0.1, 0.3), 0.07)])
     cloud = np.random.default_rng(0).permutation(image.reshape(-1, 3))[None]
     found = []
     for points in (image, cloud):

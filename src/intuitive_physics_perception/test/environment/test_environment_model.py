@@ -40,7 +40,7 @@ def patch(rng, normal, offset, size, count, noise=0.0):
 
 
 def test_the_corner_is_found_as_it_is(corner_model) -> None:
-    room, _, model = corner_model
+    room, model = corner_model
     planes = model.environment.planes
     assert [plane.id for plane in planes] == ["plane_0", "plane_1", "plane_2"]
     truth = [((0, 0, 1), 0.0), *room.walls]
@@ -52,14 +52,14 @@ def test_the_corner_is_found_as_it_is(corner_model) -> None:
 
 
 def test_gravity_is_within_a_tenth_of_a_degree(corner_model) -> None:
-    room, _, model = corner_model
+    room, model = corner_model
     down = model.rotation.T @ model.environment.gravity
     assert np.linalg.norm(down) == pytest.approx(9.81)
     assert angle_degrees(down / 9.81, room.rotation.T @ [0, 0, -1]) < 0.1
 
 
 def test_the_frame_stands_below_the_camera_and_looks_ahead(corner_model) -> None:
-    room, _, model = corner_model
+    room, model = corner_model
     assert model.rotation @ model.rotation.T == pytest.approx(np.eye(3))
     assert np.linalg.det(model.rotation) == pytest.approx(1.0)
     # The camera stands at (0, 0, height), its optical axis has no part along y.
@@ -75,23 +75,23 @@ def test_the_frame_stands_below_the_camera_and_looks_ahead(corner_model) -> None
 
 
 def test_normals_point_to_the_camera(corner_model) -> None:
-    _, _, model = corner_model
+    _, model = corner_model
     camera = model.to_environment(np.zeros(3))
     assert all(plane.signed_distances(camera) > 0.0 for plane in model.environment.planes)
     assert all(plane.offset < 0.0 for plane in model.detected)
 
 
-def test_outlines_lie_on_their_planes_and_turn_left(corner_model) -> None:
-    _, _, model = corner_model
-    for plane, outline in zip(model.environment.planes, model.outlines(), strict=True):
-        assert np.abs(plane.signed_distances(outline)).max() < 1e-9
-        sides = np.roll(outline, -1, axis=0) - outline
+def test_hulls_lie_on_their_planes_and_turn_left(corner_model) -> None:
+    _, model = corner_model
+    for plane, hull in zip(model.environment.planes, model.hulls(), strict=True):
+        assert np.abs(plane.signed_distances(hull)).max() < 1e-9
+        sides = np.roll(hull, -1, axis=0) - hull
         turns = np.cross(sides, np.roll(sides, -1, axis=0)) @ plane.normal
         assert (turns > -1e-9).all()
 
 
 def test_the_noise_is_measured(corner_model) -> None:
-    room, _, model = corner_model
+    room, model = corner_model
     for distance in (1.5, 2.5, 3.5):
         true = np.hypot(room.noise_constant, room.noise_quadratic * distance**2)
         assert model.noise.deviation(distance) == pytest.approx(true, rel=0.2)
@@ -137,19 +137,13 @@ def test_frames_that_cannot_be_compared_leave_the_correlation_as_it_was(rng) -> 
 
 def test_a_camera_looking_straight_down_takes_its_own_x_axis(make_room) -> None:
     room = make_room(tilt=90.0, walls=())
-    rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
-    model = model_environment(
-        [points_from_depth(room.depth(), rays)], SETTINGS, np.random.default_rng(0)
-    )
+    model = model_environment([room.points()], SETTINGS, np.random.default_rng(0))
     assert model.rotation @ [1, 0, 0] == pytest.approx([1, 0, 0], abs=1e-3)
 
 
 def test_what_moves_is_not_in_the_fused_frame(make_room, rng) -> None:
     room = make_room(tilt=30.0)
-    rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
-    frames = [
-        points_from_depth(room.depth([((1.5, -0.8 + 0.2 * k, 0.3), 0.07)]), rays) for k in range(8)
-    ]
+    frames = [room.points([((1.5, -0.8 + 0.2 * k, 0.3), 0.07)]) for k in range(8)]
     points = fuse(frames, SETTINGS, rng).astype(float)
     world = points @ room.rotation.T + room.origin
     truth = [((0, 0, 1), 0.0), *room.walls]
@@ -213,8 +207,8 @@ def test_planes_come_by_support_and_coplanar_ones_are_one(rng) -> None:
 
 
 def test_equal_seeds_find_equal_planes(corner_model) -> None:
-    room, rays, _ = corner_model
-    frame = points_from_depth(room.depth(), rays)
+    room, _ = corner_model
+    frame = room.points()
     first, second = (
         model_environment([frame], SETTINGS, np.random.default_rng(5)) for _ in range(2)
     )

@@ -9,10 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
 from intuitive_physics_perception.environment.environment_model import model_environment
-from intuitive_physics_perception.environment.plane_edges import SeenAround, bounded_polygon
-from intuitive_physics_perception.environment.settings import PlaneEdgeSettings
-from intuitive_physics_perception.input.camera import Intrinsics
-from intuitive_physics_perception.input.depth import points_from_depth
+from intuitive_physics_perception.environment.plane_edges import REACH, SeenAround, boundary_polygon
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SCATTERED = 20000
@@ -25,8 +22,7 @@ edge is a line through many of them; what noise and unevenness let pass for the 
 
 
 def modelled(room, *boxes, frames=6):
-    rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
-    seen = [points_from_depth(room.depth(extra=boxes), rays) for _ in range(frames)]
+    seen = [room.points(extra=boxes) for _ in range(frames)]
     return model_environment(seen, PerceptionSettings(), np.random.default_rng(1))
 
 
@@ -54,7 +50,7 @@ def table_room(corner_model):
 
 
 def test_a_room_whose_planes_meet_or_leave_the_view_has_no_edges(corner_model) -> None:
-    assert [plane.boundary for plane in corner_model[2].environment.planes] == [None] * 3
+    assert [plane.boundary for plane in corner_model[1].environment.planes] == [None] * 3
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.4])
@@ -84,7 +80,7 @@ def test_a_table_goes_on_where_the_view_ends(table_room, shapes) -> None:
     boundary = top_of(environment, 0.6).boundary
     corners = [(1.15, 0.05), (1.85, 0.05)]
     assert max(distances_to_corners(boundary, corners)) < EDGE_TOLERANCE
-    assert boundary[:, 1].max() > 0.9 * PlaneEdgeSettings().reach
+    assert boundary[:, 1].max() > 0.9 * REACH
 
 
 def test_an_edge_that_something_hides_is_none(table_room, shapes) -> None:
@@ -124,13 +120,13 @@ def area(corners) -> float:
 
 def test_a_round_table_is_a_polygon_of_its_size(rng) -> None:
     seen = scattered(rng, lambda places: np.linalg.norm(places, axis=1) < 0.6)
-    polygon = bounded_polygon(seen, hull(seen.surface), PlaneEdgeSettings())
+    polygon = boundary_polygon(seen, hull(seen.surface))
     assert area(polygon) == pytest.approx(np.pi * 0.6**2, rel=0.05)
 
 
 def test_what_is_not_convex_has_no_boundary_that_would_cut_it(rng) -> None:
     seen = scattered(rng, lambda p: (np.abs(p).max(axis=1) < 0.7) & ~((p > 0.0).all(axis=1)))
-    polygon = bounded_polygon(seen, hull(seen.surface), PlaneEdgeSettings())
+    polygon = boundary_polygon(seen, hull(seen.surface))
     assert polygon is None or area(polygon) > 3 * 0.7**2
 
 
@@ -154,7 +150,7 @@ def test_a_boundary_is_convex_turns_left_and_holds_the_rectangle(
         return (np.abs(own) < 0.5 * np.array([width, depth])).all(axis=1) ^ strays
 
     seen = scattered(rng, inside)
-    polygon = bounded_polygon(seen, hull(seen.surface), PlaneEdgeSettings())
+    polygon = boundary_polygon(seen, hull(seen.surface))
     if polygon is None:
         assert stray > 0.0
         return
@@ -181,6 +177,6 @@ def test_a_floor_that_something_cuts_in_two_is_one(table_room, shapes) -> None:
     (floor,) = [k for k, p in enumerate(model.environment.planes) if p.normal[2] > 0.99]
     assert model.environment.planes[floor].boundary is None
     # What was seen of it reaches to both sides of the pillar and of its shadow.
-    across = model.outlines()[floor][:, 1]
+    across = model.hulls()[floor][:, 1]
     assert across.min() < -0.5
     assert across.max() > 0.5

@@ -11,10 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics_perception.environment.noise import RangeNoise
-from intuitive_physics_perception.environment.settings import RevisionSettings
-from intuitive_physics_perception.environment.settled_view import ROWS_APART, SettledView
-from intuitive_physics_perception.input.camera import Intrinsics
-from intuitive_physics_perception.input.depth import points_from_depth
+from intuitive_physics_perception.environment.settled_view import (
+    COME_TIME,
+    GONE_TIME,
+    ROWS_APART,
+    SettledView,
+)
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -27,7 +29,6 @@ class Film:
 
     def __init__(self, make_room, background=None) -> None:
         self.room = make_room(width=320, height_pixels=240, focal=262.0, tilt=25.0, height=0.8)
-        self.rays = Intrinsics(self.room.width, self.room.height_pixels, self.room.matrix).rays()
         self.pipeline = PerceptionPipeline(
             SETTINGS, np.random.default_rng(0), background=background
         )
@@ -39,7 +40,7 @@ class Film:
         for k in range(round(seconds / STEP)):
             now = extra(k * STEP) if callable(extra) else extra
             moving = balls(k * STEP) if callable(balls) else balls
-            points = points_from_depth(self.room.depth(moving, now), self.rays)
+            points = self.room.points(moving, now)
             found.append(self.pipeline.process(points, self.time))
             self.time += STEP
         return found
@@ -98,7 +99,7 @@ def test_a_box_that_is_put_down_and_stays_is_an_obstacle(film, shapes) -> None:
     assert no_move(seen)
     since = [k * STEP for k, result in enumerate(seen) if result.revised]
     assert since
-    assert since[0] > SETTINGS.revision.come_time
+    assert since[0] > COME_TIME
     (one,) = seen[-1].model.environment.boxes
     assert np.abs(one.center[:2] - [1.5, 0.1]).max() < 0.15
     assert one.center[2] + 0.5 * one.edge_lengths[2] == pytest.approx(0.35, abs=0.03)
@@ -167,8 +168,7 @@ def test_only_what_stays_elsewhere_has_changed(range_before, range_now, moves, s
     v, u = np.mgrid[:40, :40]
     rays = np.dstack([(u - 20) / 40, (v - 20) / 40, np.ones_like(u)])
     rays /= np.linalg.norm(rays, axis=2, keepdims=True)
-    settings = RevisionSettings()
-    view = SettledView((range_before * rays).astype(np.float32), NOISE, settings)
+    view = SettledView((range_before * rays).astype(np.float32), NOISE)
     changes = []
     for k in range(80):
         sway = 0.3 * ((k // ROWS_APART) % 2) if moves else 0.0
@@ -180,6 +180,6 @@ def test_only_what_stays_elsewhere_has_changed(range_before, range_now, moves, s
         assert not any(changes)
     elif abs(apart) > 8.0 * noise:
         since = 0.1 * changes.index(True)
-        expected = settings.gone_time if apart > 0.0 else settings.come_time
+        expected = GONE_TIME if apart > 0.0 else COME_TIME
         assert expected <= since + 1e-9
         assert since <= expected + 0.1 * (2 * ROWS_APART + 2)

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from intuitive_physics_perception.environment.environment_model import model_environment
-from intuitive_physics_perception.environment.static_boxes import with_static_boxes
-from intuitive_physics_perception.input.camera import Intrinsics
-from intuitive_physics_perception.input.depth import points_from_depth
+from intuitive_physics_perception.environment.static_boxes import MIN_THICKNESS, with_static_boxes
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -28,8 +26,7 @@ def room(corner_model):
 
 
 def frames_of(room, *, balls=((),) * FRAMES, extra=()):
-    rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
-    return [points_from_depth(room.depth(seen, extra), rays) for seen in balls]
+    return [room.points(seen, extra) for seen in balls]
 
 
 def boxes_in(frames, settings=SETTINGS):
@@ -59,7 +56,7 @@ def test_a_board_that_one_sees_under_hangs_in_the_air(room, shapes) -> None:
         frames_of(room, extra=[shapes["box"]((1.5, 0.2, 0.4), (0.25, 0.3, 0.01), 0.0)])
     )
     assert box.center[2] == pytest.approx(0.4, abs=0.02)
-    assert SETTINGS.static_box_fit.min_thickness <= box.edge_lengths.min() < 0.04
+    assert MIN_THICKNESS <= box.edge_lengths.min() < 0.04
 
 
 def test_a_top_whose_sides_give_no_reading_stands_on_the_floor(room, shapes) -> None:

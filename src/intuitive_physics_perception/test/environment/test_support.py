@@ -12,9 +12,6 @@ from hypothesis import strategies as st
 
 from intuitive_physics_perception.environment.environment_model import model_environment
 from intuitive_physics_perception.environment.gravity import FlightGravity
-from intuitive_physics_perception.environment.settings import SupportSettings
-from intuitive_physics_perception.input.camera import Intrinsics
-from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -29,8 +26,7 @@ def angle(first, second) -> float:
 
 
 def frames_of(room, count, balls=(), extra=()):
-    rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
-    return [points_from_depth(room.depth(balls, extra), rays) for _ in range(count)]
+    return [room.points(balls, extra) for _ in range(count)]
 
 
 @pytest.fixture
@@ -119,7 +115,7 @@ def test_flights_in_any_direction_tell_it_within_their_deviation(direction, seed
     """p = p₀ + v t + ½ g t² with 2 mm of noise; five flights."""
     rng = np.random.default_rng(seed)
     up = np.array(direction) / np.linalg.norm(direction)
-    flights = FlightGravity(9.81, SupportSettings())
+    flights = FlightGravity(9.81)
     times = np.arange(0.0, 0.5, 1.0 / rate)
     for _ in range(5):
         velocity = rng.normal(size=3)
@@ -135,7 +131,7 @@ def test_flights_in_any_direction_tell_it_within_their_deviation(direction, seed
 def test_the_newest_flights_count() -> None:
     # A thousand that agreed are outvoted by thirty that do, and take no time any more.
     rng = np.random.default_rng(0)
-    flights = FlightGravity(9.81, SupportSettings())
+    flights = FlightGravity(9.81)
     times = np.arange(0.0, 0.5, 1.0 / 30.0)
     for up, count in (((0.0, 0.0, 1.0), 1000), ((0.0, 0.6, 0.8), 30)):
         for _ in range(count):
@@ -152,7 +148,7 @@ def test_the_newest_flights_count() -> None:
 def test_what_does_not_fall_tells_nothing(seed, acceleration) -> None:
     """Rolling, sliding and being carried: constant accelerations below gravity's."""
     rng = np.random.default_rng(seed)
-    flights = FlightGravity(9.81, SupportSettings())
+    flights = FlightGravity(9.81)
     times = np.arange(0.0, 1.0, 1.0 / 30.0)
     for _ in range(5):
         direction = rng.normal(size=3)

@@ -9,14 +9,12 @@ from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_perception.detection.detections import DetectedSphere
-from intuitive_physics_perception.input.camera import Intrinsics
+from intuitive_physics_perception.detection.solids import with_color
 from intuitive_physics_perception.input.colors import (
     CHANNELS,
     colors_from_cloud_data,
     colors_from_image_data,
-    with_color,
 )
-from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.input.point_cloud import Field
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
@@ -108,15 +106,17 @@ def test_the_colour_of_a_ball_is_that_of_the_readings_on_it() -> None:
     ball = DetectedSphere(np.array([0.0, 0.0, 1.0]), 0.1, np.eye(4), 2, 1.0)
     points = np.array([[0, 0, 0.9], [0.1, 0, 1.0], [0.5, 0, 1.0]], np.float32)
     colors = np.array([[255, 0, 0], [0, 0, 255], [9, 9, 9]], np.uint8)
-    assert with_color(ball, points, colors).color == pytest.approx([0.5, 0.0, 0.5])
-    assert with_color(ball, points[2:], colors[2:]).color is None
+    everywhere, outside = np.arange(3), np.array([2])
+    assert with_color(ball, everywhere, points[None], colors[None]).color == pytest.approx(
+        [0.5, 0.0, 0.5]
+    )
+    assert with_color(ball, outside, points[None], colors[None]).color is None
 
 
 def test_geometry_is_the_same_to_the_bit_with_and_without_colours(make_room) -> None:
     room = make_room(tilt=25.0, seed=5, width=320, height_pixels=240, focal=262.5)
-    rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
     places = [()] * 4 + [[((1.4, -0.3 + 0.03 * k, 0.45), 0.07)] for k in range(6)]
-    frames = [points_from_depth(room.depth(balls), rays) for balls in places]
+    frames = [room.points(balls) for balls in places]
     green = np.zeros(frames[0].shape, np.uint8)
     green[:, :, 1] = 255
     told = []

@@ -24,8 +24,6 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
-from intuitive_physics_perception.input.camera import Intrinsics
-from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_ros.conversions import (
     environment_from_message,
     object_states_from_messages,
@@ -391,12 +389,8 @@ def cloud_node():
 def test_clouds_bad_and_good(node, cloud_node, room) -> None:
     """One node for clouds; the one for images stops first, as they have one name."""
     node.stop(signal.SIGTERM)
-    rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
     # Half the resolution: best effort over UDP loses parts of what is larger.
-    empty, good = (
-        points_from_depth(room.depth(balls), rays)[::2, ::2]
-        for balls in ((), [((1.5, 0.0, 0.4), 0.07)])
-    )
+    empty, good = (room.points(balls)[::2, ::2] for balls in ((), [((1.5, 0.0, 0.4), 0.07)]))
     fields = cloud_message(good, 0.0).fields
     bad = [
         ("no reading", np.zeros((1, 0, 3)), {}),

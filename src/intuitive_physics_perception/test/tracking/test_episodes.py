@@ -39,9 +39,7 @@ def record(rng, times, path, name="ball", noise=NOISE):
 
 
 def state(seen, time):
-    return state_at(
-        seen, time, FreeMotion(seen, FLOOR, SETTINGS.initial_state, SETTINGS.motion), SETTINGS
-    )
+    return state_at(seen, time, FreeMotion(seen, FLOOR), SETTINGS)
 
 
 def test_the_initial_state_is_least_squares_with_gravity_known(rng, bounce) -> None:

@@ -10,8 +10,6 @@ from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.foreground import Clusters, ForegroundFinder
 from intuitive_physics_perception.detection.spheres import RecentFrames, SphereFinder
-from intuitive_physics_perception.input.camera import Intrinsics
-from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.tracker import Tracker
@@ -69,9 +67,8 @@ def thrown_by_a_palm(room, shapes) -> tuple[list, float]:
     The palm pushes with a(t) = A sin(π t / T) until it stops within a few frames; from then on the
     ball flies.
     """
-    rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
     start, speed, swing = np.array([1.7, -0.5, 0.6]), 1.6, 0.3
-    frames = [points_from_depth(room.depth(), rays) for _ in range(4)]
+    frames = [room.points() for _ in range(4)]
     release = None
     for time in np.arange(0.0, HELD + 0.35, STEP):
         # Without a phase of its own a frame would be at the release itself.
@@ -87,7 +84,7 @@ def thrown_by_a_palm(room, shapes) -> tuple[list, float]:
             break
         box = shapes["box"](palm, PALM, 0.0)
         arm = shapes["box"](palm - [0.0, 0.0, 0.2], (0.06, 0.06, 0.3), 0.0)
-        frames.append(points_from_depth(room.depth([(ball, RADIUS)], [box, arm]), rays))
+        frames.append(room.points([(ball, RADIUS)], [box, arm]))
         if since > 0.0 and release is None:
             release = time - since
     return frames, 4 * STEP + release
@@ -107,17 +104,17 @@ def test_an_observation_begins_where_a_palm_lets_go(make_room, shapes) -> None:
 
 
 def test_a_ball_beside_a_palm_is_found_where_it_is_expected(corner_model, shapes) -> None:
-    room, rays, model = corner_model
+    room, model = corner_model
     place = np.array([1.8, 0.2, 0.6])
     palm = shapes["box"](place - [0.0, RADIUS + 0.05, 0.0], (0.1, 0.1, 0.1), 0.0)
     arm = shapes["box"](place - [0.0, RADIUS + 0.05, 0.2], (0.06, 0.06, 0.3), 0.0)
-    before = np.linalg.norm(points_from_depth(room.depth(), rays), axis=2)
+    before = np.linalg.norm(room.points(), axis=2)
     finder = SphereFinder(model.noise, SETTINGS, np.random.default_rng(4), before)
     foreground = ForegroundFinder(model, SETTINGS, before)
     expected = np.append(room.to_camera(place + [0.0, 0.01, -0.01]), RADIUS)
     errors = []
     for _ in range(5):
-        points = points_from_depth(room.depth([(place, RADIUS)], [palm, arm]), rays)
+        points = room.points([(place, RADIUS)], [palm, arm])
         found = finder.find_expected(points, foreground.find(points), expected)
         assert found is not None
         errors.append([*(found.center - room.to_camera(place)), found.radius - RADIUS])

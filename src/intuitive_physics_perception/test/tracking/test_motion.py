@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from intuitive_physics.scene import Environment, Plane, StaticBox
 from intuitive_physics_perception.tracking.motion import SIZE, Prediction, predicted
-from intuitive_physics_perception.tracking.settings import MotionSettings
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
 CORNER = Environment([*FLOOR.planes, Plane("wall", "m", (-1, 0, 0), -1.0)])
@@ -33,7 +32,6 @@ def predict(mean, duration, environment=FLOOR, restitution=0.6, noise=0.0):
         environment,
         restitution=restitution,
         acceleration_noise=noise,
-        motion=MotionSettings(),
     )
     return found.mean, found.covariance
 
@@ -111,7 +109,6 @@ def test_down_a_ramp_a_ball_gains_what_rolling_leaves_of_gravity(degrees) -> Non
             ramp,
             restitution=0.6,
             acceleration_noise=0.0,
-            motion=MotionSettings(),
             rolls=rolls,
         ).mean
         gain = 9.81 * np.sin(angle) / (1.0 + kappa)
@@ -147,7 +144,6 @@ def test_short_steps_add_up_to_a_long_one(steps) -> None:
             FLOOR,
             restitution=0.6,
             acceleration_noise=2.0,
-            motion=MotionSettings(),
         )
     assert part.mean == pytest.approx(mean)
     assert part.covariance == pytest.approx(covariance, abs=1e-12)
@@ -180,7 +176,6 @@ def test_the_transition_is_the_derivative_of_the_prediction() -> None:
         FLOOR,
         restitution=0.6,
         acceleration_noise=0.0,
-        motion=MotionSettings(),
     )
     for k in range(SIZE - 1):
         moved = start + step * np.eye(SIZE)[k]
@@ -191,7 +186,6 @@ def test_the_transition_is_the_derivative_of_the_prediction() -> None:
             FLOOR,
             restitution=0.6,
             acceleration_noise=0.0,
-            motion=MotionSettings(),
         )
         assert (there.mean - found.mean) / step == pytest.approx(found.transition[:, k], abs=1e-6)
 

@@ -14,13 +14,11 @@ from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import observations_of
-from intuitive_physics_perception.tracking.free_motion import FreeMotion, Record
+from intuitive_physics_perception.tracking.free_motion import SURE_EVIDENCE, FreeMotion, Record
 from intuitive_physics_perception.tracking.motion_fits import free_evidence, noise_factor
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
 SETTINGS = PerceptionSettings()
-FIT = SETTINGS.initial_state
-MOTION = PerceptionSettings().motion
 RADIUS = 0.05
 IN_TIME = 0.034
 """s: one frame at 30 Hz."""
@@ -134,7 +132,7 @@ def test_what_a_hand_holds_all_the_time_is_never_free(seed, rate, noise) -> None
     reach = rng.uniform(0.0, 5.0, size=3) / frequency**2
     places = np.array([0, 0, 1.2]) + reach * np.sin(np.outer(times, frequency) + phase)
     seen = record(times, places, errors_of_detection(len(times), noise, rng), rng)
-    free = FreeMotion(seen, FLOOR, FIT, MOTION)
+    free = FreeMotion(seen, FLOOR)
     assert all(free.stretch_at(float(time)) is None for time in times)
 
 
@@ -153,7 +151,7 @@ def test_a_ball_that_comes_into_view_in_flight_is_free_from_its_first_frames(
     velocity = rng.uniform(-2.0, 2.0, size=3)
     places = [0, 0, 6.0] + np.outer(times, velocity) + 0.5 * np.outer(times**2, FLOOR.gravity)
     seen = record(times, places, errors_of_detection(len(times), noise, rng), rng)
-    free = FreeMotion(seen, FLOOR, FIT, MOTION)
+    free = FreeMotion(seen, FLOOR)
     assert all(
         free.stretch_at(float(time)) is not None for time in times[:-2] if time > 0.034 + 2.0 / rate
     )
@@ -166,7 +164,7 @@ def test_errors_of_position_and_velocity_are_as_large_as_the_covariance_says() -
         velocity = rng.uniform(-2.0, 2.0, size=3)
         places = [0, 0, 3.0] + np.outer(times, velocity) + 0.5 * np.outer(times**2, FLOOR.gravity)
         seen = record(times, places, errors_of_detection(len(times), 0.002, rng), rng)
-        stretch = FreeMotion(seen, FLOOR, FIT, MOTION).stretch_at(0.2)
+        stretch = FreeMotion(seen, FLOOR).stretch_at(0.2)
         mean, covariance = stretch.at(0.2)
         off = mean - [
             *([0, 0, 3.0] + 0.2 * velocity + 0.02 * FLOOR.gravity),
@@ -184,9 +182,7 @@ def test_a_bias_that_all_frames_share_is_in_the_position_and_not_in_the_velocity
     places = [0, 0, 3.0] + 0.5 * np.outer(times**2, FLOOR.gravity)
     seen = record(times, places, errors_of_detection(len(times), 0.001, rng), rng)
     biased = replace(seen, bias=np.diag([1e-4, 4e-4, 9e-4]))
-    without, with_it = (
-        FreeMotion(one, FLOOR, FIT, MOTION).stretch_at(0.0).covariance for one in (seen, biased)
-    )
+    without, with_it = (FreeMotion(one, FLOOR).stretch_at(0.0).covariance for one in (seen, biased))
     assert with_it[:3, :3] - without[:3, :3] == pytest.approx(biased.bias)
     assert with_it[3:, 3:] == pytest.approx(without[3:, 3:])
 
@@ -199,12 +195,12 @@ def test_points_that_cannot_tell_gravity_from_none_are_no_evidence() -> None:
         times = np.arange(count) / 90.0
         errors = errors_of_detection(count, 0.002, rng)
         seen = record(times, np.zeros((count, 3)), errors, rng)
-        found.append(free_evidence(times, seen.positions, errors, FLOOR.gravity, 10.0))
+        found.append(free_evidence(times, seen.positions, errors, FLOOR.gravity))
     assert found[0] < 2.0
     assert found[-1] < -50.0
     assert found[-1] < found[-2] < found[0]
     fallen = record(times, 0.5 * np.outer(times**2, FLOOR.gravity), errors, rng)
-    assert free_evidence(times, fallen.positions, errors, FLOOR.gravity, 10.0) > FIT.sure_evidence
+    assert free_evidence(times, fallen.positions, errors, FLOOR.gravity) > SURE_EVIDENCE
 
 
 @pytest.mark.parametrize("rate", [30, 90])
@@ -215,5 +211,5 @@ def test_the_noise_is_measured_whatever_the_covariances_say(rate, factor) -> Non
     times = np.arange(0.0, throw.release + 0.4, 1.0 / rate)
     errors = errors_of_detection(len(times), 0.001, rng)
     seen = record(times, throw.places(times), factor * errors, rng)
-    found = noise_factor(times, seen.positions, errors, FIT.noise_window)
+    found = noise_factor(times, seen.positions, errors)
     assert found == pytest.approx(factor, rel=0.6)

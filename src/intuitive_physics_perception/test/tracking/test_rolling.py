@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from intuitive_physics.scene import Environment, Plane, StaticBox
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.tracking.rolling import rolling_angular_velocity
+from intuitive_physics_perception.tracking.rolling import ROLLING_TIME, rolling_angular_velocity
 from intuitive_physics_perception.tracking.tracker import Tracker
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
@@ -25,9 +25,7 @@ VECTORS = st.lists(st.floats(-5, 5), min_size=3, max_size=3).map(np.array)
 def test_the_point_of_contact_stands_still(velocity, normal, radius) -> None:
     normal = normal / np.linalg.norm(normal)
     velocity = velocity - (velocity @ normal) * normal
-    spin, covariance = rolling_angular_velocity(
-        velocity, 1e-4 * np.eye(3), radius, normal, UNKNOWN, SETTINGS.motion.rolling_slip
-    )
+    spin, covariance = rolling_angular_velocity(velocity, 1e-4 * np.eye(3), radius, normal, UNKNOWN)
     # v + ω × (-r n) = 0
     assert velocity - radius * np.cross(spin, normal) == pytest.approx(np.zeros(3), abs=1e-9)
     assert normal @ covariance @ normal == pytest.approx(UNKNOWN**2)
@@ -80,7 +78,7 @@ def rolled(environment, places, rng):
         error = NOISE * rng.normal(size=4)
         sphere = DetectedSphere(place + error[:3], RADIUS + error[3], NOISE**2 * np.eye(4), 200, 2)
         tracker.update(k * STEP, [sphere])
-        if k * STEP > SETTINGS.motion.rolling_time + 0.1:
+        if k * STEP > ROLLING_TIME + 0.1:
             states.append((k * STEP, tracker.tracks[0].object_state(environment, SETTINGS)))
     return states
 

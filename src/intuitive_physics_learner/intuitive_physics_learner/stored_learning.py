@@ -29,7 +29,7 @@ from intuitive_physics_learner.errors import (
 )
 from intuitive_physics_learner.learning_session import LearningOptions, LearningResult, learn
 from intuitive_physics_learner.methods import JOINT_METHOD, check_method
-from intuitive_physics_learner.search.convergence import ConvergenceCriteria, SearchProgress
+from intuitive_physics_learner.search.convergence import SearchProgress
 from intuitive_physics_learner.store import ObservationStore, SearchCheckpoint
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, INCLUDED_BY_USER, USED
 
@@ -119,9 +119,9 @@ def learn_from_store(
         raise NoObservationsError(
             "no observation is stored yet; add some before learning from them"
         )
-    search = StoredSearch(store, "asked", observations, simulator, options, make_cost)
+    search = _StoredSearch(store, observations, simulator, options, make_cost)
     try:
-        result = search.run(options.criteria, on_progress=on_progress, cancelled=cancelled)
+        result = search.run(on_progress=on_progress, cancelled=cancelled)
     except UnsupportedSceneError:
         check_environments(observations, simulator)
         raise
@@ -173,136 +173,82 @@ def _observations(
     return [seen for _, seen in pairs], replace(options, trusted_ids=trusted)
 
 
-class StoredSearch:
+class _StoredSearch:
     """A search over stored observations whose state is stored too, so that it can continue.
-
-    Parameters
-    ----------
-    store : of its state
-    purpose : distinguishes searches that are otherwise the same; part of the stored key
-    observations : to learn from
-    simulator : the engine that simulates candidates
-    options : how to learn
-    make_cost : what evaluates J
-    clock : returns s, by which the search is timed
 
     Attributes
     ----------
     version : of θ_s that it begins from
-    seconds : of search so far, those before it was interrupted included
-    iterations : evaluations of J so far, likewise
-    finished : whether it was stored as finished
     """
 
     def __init__(
         self,
         store: ObservationStore,
-        purpose: str,
         observations: Sequence[Observation],
         simulator: Simulator,
         options: LearningOptions,
-        make_cost: MakeCost = TrajectoryCost,
-        clock: Callable[[], float] = time.monotonic,
+        make_cost: MakeCost,
     ) -> None:
         self._store = store
         self._observations = observations
         self._simulator = simulator
         self._options = options
         self._make_cost = make_cost
-        self._clock = clock
-        self._key = _key(purpose, observations, simulator, options)
+        self._key = _key(observations, simulator, options)
         self.version = store.newest_version()
         saved = store.checkpoint(self._key)
         if saved is None or saved.version != self.version:
-            saved = SearchCheckpoint(self._key, self.version, store.newest_parameters(), {}, 0.0, 0)
-        self._start = saved.start
-        self._state = saved.state
-        self.seconds = saved.seconds
-        self.iterations = saved.iterations
+            saved = SearchCheckpoint(self._key, self.version, store.newest_parameters(), {}, 0.0)
+        self._saved = saved
         self._next_saving = 0.0
-
-    @property
-    def finished(self) -> bool:
-        return self._state is None
 
     def run(
         self,
-        criteria: ConvergenceCriteria,
         *,
         on_progress: Callable[[SearchProgress], None] | None = None,
         cancelled: Callable[[], bool] | None = None,
     ) -> LearningResult:
-        """Search until a criterion is met, and return what was learned so far.
+        """Search until a criterion is met; a time limit counts from the first start.
 
-        A time limit counts from the first start; at least one step is done. Raises what
-        `learn_from_store` raises.
+        Raises what `learn_from_store` raises.
         """
-        began, before = self._clock(), self.seconds
+        began, before = time.monotonic(), self._saved.seconds
+        criteria = self._options.criteria
         if criteria.time_limit is not None:
             criteria = replace(criteria, time_limit=max(0.0, criteria.time_limit - before))
 
-        def count(progress: SearchProgress) -> None:
-            self.iterations = progress.iteration
-            if on_progress is not None:
-                on_progress(progress)
-
         def on_checkpoint(state: Mapping[str, Any]) -> None:
-            self.seconds = before + self._clock() - began
-            self._state = state
-            if time.monotonic() >= self._next_saving:
-                self._write()
+            now = time.monotonic()
+            if now >= self._next_saving:
+                seconds = before + now - began
+                self._store.save_checkpoint(replace(self._saved, state=state, seconds=seconds))
+                taken = time.monotonic() - now
+                self._next_saving = now + taken / LARGEST_SAVING_SHARE
 
-        result = learn(
+        return learn(
             self._observations,
             self._simulator,
             replace(self._options, criteria=criteria),
-            previous=self._start,
-            on_progress=count,
+            previous=self._saved.start,
+            on_progress=on_progress,
             cancelled=cancelled,
-            resume=self._state or None,
+            resume=self._saved.state or None,
             on_checkpoint=on_checkpoint,
             make_cost=self._make_cost,
         )
-        self.seconds = before + self._clock() - began
-        return result
-
-    def save(self, version: int, *, finished: bool) -> None:
-        """Store its present state.
-
-        Parameters
-        ----------
-        version : of the newest θ_s, which the search is to continue with
-        finished : whether it has ended
-        """
-        self.version = version
-        if finished:
-            self._state = None
-        self._write()
 
     def delete(self) -> None:
         """Delete its state from the store."""
         self._store.delete_checkpoint(self._key)
 
-    def _write(self) -> None:
-        began = time.monotonic()
-        self._store.save_checkpoint(
-            SearchCheckpoint(
-                self._key, self.version, self._start, self._state, self.seconds, self.iterations
-            )
-        )
-        taken = time.monotonic() - began
-        self._next_saving = began + taken / LARGEST_SAVING_SHARE
-
 
 def _key(
-    purpose: str,
     observations: Sequence[Observation],
     simulator: Simulator,
     options: LearningOptions,
 ) -> str:
     """Digest of all that determines a search, apart from the θ_s it starts from."""
     parts = {
-        "purpose": purpose,
         "observations": [one.id for one in observations],
         "trusted": list(options.trusted_ids),
         "simulator": simulator.name,

@@ -155,17 +155,17 @@ def list_entries(
     connection: sqlite3.Connection,
     ids: Sequence[str],
     statuses: Sequence[str],
-    after: tuple[int, int],
+    after: int,
     *,
     limit: int,
     newest: bool,
 ) -> list[ObservationEntry]:
-    """List observations, see `ObservationStore.entries`; `after`: number and revision."""
+    """List observations, see `ObservationStore.entries`."""
     for status in statuses:
         if status not in STATUSES:
             raise UnknownNameError(f"status is {status!r}; expected {', '.join(STATUSES)}")
-    chosen = "number > ? AND revision > ?"
-    values: list[object] = [*after]
+    chosen = "number > ?"
+    values: list[object] = [after]
     for column, names in (("id", ids), ("status", statuses)):
         if names:
             chosen += f" AND {column} IN (SELECT value FROM json_each(?))"

@@ -175,12 +175,6 @@ class ObservationStore:
             found = dict(connection.execute("SELECT status, count FROM observation_counts"))
         return {status: found.get(status, 0) for status in STATUSES}
 
-    def revision(self) -> int:
-        """Return a number that grows whenever an observation is added, deleted, or changed by the
-        user, but not when a learner assesses one."""
-        with self._database.reading() as connection:
-            return int(connection.execute("SELECT revision FROM observation_set").fetchone()[0])
-
     def materials(self) -> tuple[str, ...]:
         """Return the materials of all observations in order of appearance."""
         with self._database.reading() as connection:
@@ -199,7 +193,6 @@ class ObservationStore:
         ids: Sequence[str] = (),
         statuses: Sequence[str] = (),
         after: int = 0,
-        changed_after: int = -1,
         limit: int = -1,
         newest: bool = False,
     ) -> list[ObservationEntry]:
@@ -210,8 +203,6 @@ class ObservationStore:
         ids : of the observations; empty: all
         statuses : of the observations; empty: all
         after : only observations with a higher number
-        changed_after : only observations with a higher revision, which are those that were added,
-            excluded or included since the store had that one
         limit : entries at most; negative: no limit. Give the last number as `after` to go on
         newest : the newest first instead of in the order in which they came
 
@@ -221,9 +212,7 @@ class ObservationStore:
             When no observation has one of the ids, or there is no such status.
         """
         with self._database.reading() as connection:
-            return list_entries(
-                connection, ids, statuses, (after, changed_after), limit=limit, newest=newest
-            )
+            return list_entries(connection, ids, statuses, after, limit=limit, newest=newest)
 
     def observations(self, ids: Sequence[str] = ()) -> list[Observation]:
         """Return observations in the order in which they came: those used, or those with the ids.
@@ -253,8 +242,6 @@ class ObservationStore:
     def each_observation(
         self,
         statuses: Sequence[str] = (USED,),
-        after: int = 0,
-        chunk: int = CHUNK,
         ids: Sequence[str] = (),
     ) -> Iterator[tuple[ObservationEntry, Observation]]:
         """Read observations one after the other, with no more than a chunk of them in memory.
@@ -262,11 +249,10 @@ class ObservationStore:
         Parameters
         ----------
         statuses : of the observations; a text that cannot be read is marked and passed over
-        after : only observations with a higher number
-        chunk : observations read together
         ids : of the observations; empty: all
         """
-        while entries := self.entries(ids=ids, statuses=statuses, after=after, limit=chunk):
+        after = 0
+        while entries := self.entries(ids=ids, statuses=statuses, after=after, limit=CHUNK):
             unreadable: list[tuple[ObservationEntry, InvalidInputError]] = []
             for entry, text in self._texts(entries):
                 observation = parsed_observation(text)
@@ -303,8 +289,7 @@ class ObservationStore:
         """Store what a learner thinks of observations, all in one transaction.
 
         Those that the user excluded or included, that cannot be read or were deleted stay as they
-        are. What is
-        doubtful comes back with an assessment of status `USED`. The revision stays.
+        are. What is doubtful comes back with an assessment of status `USED`. The revision stays.
 
         Returns
         -------
@@ -506,14 +491,6 @@ class ObservationStore:
             expected = f"1 to {newest}" if newest else "some to be learned first"
             raise UnknownNameError(f"version is {version}; expected {expected}")
         return self._parameters(version, row[0])
-
-    def parameters_history(self) -> list[LearnedParameters]:
-        """Return θ_s of all versions, oldest first."""
-        with self._database.reading() as connection:
-            rows = connection.execute(
-                "SELECT version, json FROM learned_parameters ORDER BY version"
-            ).fetchall()
-        return [self._parameters(*row) for row in rows]
 
     def save_checkpoint(self, checkpoint: SearchCheckpoint) -> None:
         """Store the state of a search in place of its last one."""

@@ -20,18 +20,15 @@ class SearchCheckpoint:
     key : digest of all that determines the search
     version : of the newest θ_s when this was saved; the search does not know newer ones
     start : θ_s the search began with; None: the defaults
-    state : plain data from which `learn` continues, empty before its first checkpoint; None: the
-        search has ended
+    state : plain data from which `learn` continues, empty before its first checkpoint
     seconds : of search so far
-    iterations : evaluations of J so far
     """
 
     key: str
     version: int
     start: LearnedParameters | None
-    state: Mapping[str, Any] | None
+    state: Mapping[str, Any]
     seconds: float
-    iterations: int
 
     def to_json(self) -> str:
         """Return start and state as JSON text, every number to its last digit."""
@@ -39,7 +36,6 @@ class SearchCheckpoint:
             "start": None if self.start is None else self.start.to_dict(),
             "state": self.state,
             "seconds": self.seconds,
-            "iterations": self.iterations,
         }
         return json.dumps(data, allow_nan=False)
 
@@ -49,8 +45,6 @@ class SearchCheckpoint:
         try:
             data = json.loads(text)
             start = None if data["start"] is None else LearnedParameters.from_dict(data["start"])
-            return SearchCheckpoint(
-                key, version, start, data["state"], data["seconds"], data["iterations"]
-            )
+            return SearchCheckpoint(key, version, start, data["state"], data["seconds"])
         except (json.JSONDecodeError, KeyError, TypeError) as error:
             raise InvalidInputError(f"checkpoint of a search cannot be read: {error}") from None

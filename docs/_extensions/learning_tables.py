@@ -30,11 +30,7 @@ def _bounds() -> str:
 def _rules() -> str:
     rows = []
     for name, rule in {**UPDATE_RULES, **FURTHER_RULES}.items():
-        settings = [
-            f"{code(setting.name)} = {setting.default:g}"
-            for setting in inspect.signature(rule).parameters.values()
-            if setting.kind is setting.KEYWORD_ONLY
-        ]
+        settings = [f"{code(key)} = {value:g}" for key, value in rule.defaults.items()]
         summary = (inspect.getdoc(rule) or "").partition("\n\n")[0]
         rows.append((code(name), summary, ", ".join(settings)))
     return table(("rule", "what it does", "settings and their defaults"), rows)

@@ -75,6 +75,7 @@ class LearningOptions:
     observation_ids : to learn from; none: all that are stored
     distance : in J, for methods that are update rules: one of `trajectory.DISTANCES`
     trusted_ids : of observations that are used as a whole, whatever an assessment says
+    rule_settings : of the update rule, instead of the constants of Table I
     """
 
     method: str = DEFAULT_METHOD
@@ -84,6 +85,7 @@ class LearningOptions:
     observation_ids: Sequence[str] = ()
     distance: str = MEAN_DISTANCE
     trusted_ids: Sequence[str] = ()
+    rule_settings: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +157,9 @@ def learn(
     simulator = simulator or make_simulator("auto")
     seen, options = _assessed(observations, options or LearningOptions())
     previous, task = _begin(seen.clean, simulator, options, previous, cancelled, make_cost)
-    search = make_search(options.method, task, np.random.default_rng(options.seed))
+    search = make_search(
+        options.method, task, np.random.default_rng(options.seed), options.rule_settings
+    )
     same = _identity(options, task, previous)
     if resume is not None:
         _check_same_task(resume, same)
@@ -218,7 +222,9 @@ def search_parameters(
     """
     seen, options = _assessed(observations, options)
     _, task = _begin(seen.clean, simulator, options, None, None, TrajectoryCost)
-    search = make_search(options.method, task, np.random.default_rng(options.seed))
+    search = make_search(
+        options.method, task, np.random.default_rng(options.seed), options.rule_settings
+    )
     return search.run(options.criteria)
 
 
@@ -231,7 +237,7 @@ def _begin(
     make_cost: MakeCost,
 ) -> tuple[LearnedParameters, LearningTask]:
     """Return θ_s to begin from, over all materials, and the task of the search."""
-    check_method(options.method, options.distance)
+    check_method(options.method, options.distance, options.rule_settings)
     if not observations:
         raise NoObservationsError("there are no observations; expected at least one")
     seen = observation_materials(observations)
@@ -302,6 +308,7 @@ def _identity(
     return {
         "method": options.method,
         "distance": options.distance,
+        "rule_settings": dict(options.rule_settings),
         "seed": options.seed,
         "bounds": {kind: [b.lower, b.upper, b.scale] for kind, b in bounds.items()},
         "observations": [seen.id for seen in task.cost.observations],

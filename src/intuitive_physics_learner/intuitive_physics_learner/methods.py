@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -24,30 +23,14 @@ DEFAULT_METHOD = JOINT_METHOD
 """The method of the nodes and of the command line where none is named."""
 
 
-def _joint_search(task: LearningTask, generator: np.random.Generator) -> Search:
-    own = task.influence[:, task.active]
-    return JointSearch(
-        task.cost, task.searched, own, task.prior, generator, fitted=task.fitted_cost
-    )
-
-
-def _search_by_rule(name: str, task: LearningTask, generator: np.random.Generator) -> Search:
-    rule = make_update_rule(name, task.searched.size, generator, task.begin)
-    return ParameterSearch(CachedCost(task.cost).costs, task.searched, rule)
-
-
-_SEARCHES: dict[str, Callable[[LearningTask, np.random.Generator], Search]] = {
-    JOINT_METHOD: _joint_search,
-    **{name: partial(_search_by_rule, name) for name in ALL_RULES},
-}
-"""What makes the search of each method."""
-
-METHODS = (DEFAULT_METHOD, *(name for name in _SEARCHES if name != DEFAULT_METHOD))
+METHODS = (DEFAULT_METHOD, *ALL_RULES)
 """All names, the default first."""
 
 
-def check_method(name: str, distance: str = MEAN_DISTANCE) -> None:
-    """Check that there is such a method and that it can minimise a distance.
+def check_method(
+    name: str, distance: str = MEAN_DISTANCE, rule_settings: Mapping[str, float] | None = None
+) -> None:
+    """Check that there is such a method, and that it can minimise a distance and be set so.
 
     Joint estimation maximises a likelihood of the observed points; it has no distance to choose.
     """
@@ -59,9 +42,26 @@ def check_method(name: str, distance: str = MEAN_DISTANCE) -> None:
             f"their likelihood and minimises no distance; expected the distance {MEAN_DISTANCE!r}, "
             "or a method that is an update rule, such as cma_es"
         )
+    if name == JOINT_METHOD and rule_settings:
+        raise InvalidInputError(
+            f"rule settings are given with the method {name}, which is no update rule; expected "
+            "none, or another method"
+        )
 
 
-def make_search(name: str, task: LearningTask, generator: np.random.Generator) -> Search:
+def make_search(
+    name: str,
+    task: LearningTask,
+    generator: np.random.Generator,
+    rule_settings: Mapping[str, float] | None = None,
+) -> Search:
     """Return the search by the method of that name, ready to run."""
-    check_method(name)
-    return _SEARCHES[name](task, generator)
+    check_method(name, rule_settings=rule_settings)
+    if name == JOINT_METHOD:
+        influence = task.influence[:, task.active]
+        return JointSearch(
+            task.cost, task.searched, influence, task.prior, generator, fitted=task.fitted_cost
+        )
+    size = task.searched.size
+    rule = make_update_rule(name, size, generator, task.begin, **(rule_settings or {}))
+    return ParameterSearch(CachedCost(task.cost).costs, task.searched, rule)

@@ -113,7 +113,7 @@ def learn_from_store(
     StorageError
         When the store cannot be read or written.
     """
-    check_method(options.method, options.distance)
+    check_method(options.method, options.distance, options.rule_settings)
     observations, options = _observations(store, options)
     if not observations:
         raise NoObservationsError(
@@ -254,6 +254,7 @@ def _key(
         "simulator": simulator.name,
         "method": options.method,
         "distance": options.distance,
+        "rule_settings": dict(options.rule_settings),
         "seed": options.seed,
         "bounds": {kind: asdict(bounds) for kind, bounds in options.bounds.items()},
         "criteria": asdict(options.criteria),

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics_learner import (
     FURTHER_RULES,
     UPDATE_RULES,
@@ -122,9 +122,16 @@ def test_unknown_rule():
         make_update_rule("annealing", 2, np.random.default_rng(0))
 
 
-def test_settings_must_be_above_zero():
-    with pytest.raises(InvalidInputError, match="increment of grid is -1"):
-        make_update_rule("grid", 2, np.random.default_rng(0), increment=-1)
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"increment": -1}, "increment of grid is -1"),
+        ({"step": 0.1}, "setting of grid is 'step'; expected increment"),
+    ],
+)
+def test_settings_are_those_of_the_rule_and_above_zero(settings, message):
+    with pytest.raises((InvalidInputError, UnknownNameError), match=message):
+        make_update_rule("grid", 2, np.random.default_rng(0), **settings)
 
 
 @given(increment=st.floats(0.01, 1.0))

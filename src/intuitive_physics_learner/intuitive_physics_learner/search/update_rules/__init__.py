@@ -79,12 +79,14 @@ def make_update_rule(
     size : number of parameters n
     generator : the only source of randomness; owned by the rule from now on
     start : (n,) point of the unit cube proposed before all others
-    settings : as the rule's constructor takes them
+    settings : of the rule, instead of its `defaults`
 
     Raises
     ------
     UnknownMethodError
         When the name is none of these.
+    UnknownNameError, InvalidInputError
+        When the rule has no such setting, or one is not above zero.
     """
     if name not in ALL_RULES:
         raise UnknownMethodError.among(name, ALL_RULES)

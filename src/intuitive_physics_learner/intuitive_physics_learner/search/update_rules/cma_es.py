@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from intuitive_physics_learner.errors import MissingDependencyError
 from intuitive_physics_learner.search.update_rules.update_rule import UpdateRule
@@ -21,11 +22,6 @@ class CmaEs(UpdateRule):
     the search with these costs, which takes a part of a millisecond a generation and gives the same
     search to the bit.
 
-    Parameters
-    ----------
-    step_size : σ, first standard deviation on the unit interval (Table I: 0.2)
-    population : λ, candidates in a generation (Table I: 20)
-
     Raises
     ------
     MissingDependencyError
@@ -34,17 +30,12 @@ class CmaEs(UpdateRule):
 
     name = "cma_es"
 
-    def __init__(
-        self,
-        size: int,
-        generator: np.random.Generator,
-        start: ArrayLike | None = None,
-        *,
-        step_size: float = 0.2,
-        population: int = 20,
-    ) -> None:
-        super().__init__(size, generator, start, step_size=step_size, population=population)
-        self._first_generator = generator.bit_generator.state
+    defaults: ClassVar[Mapping[str, float]] = {"step_size": 0.2, "population": 20}
+    """step_size: σ, first standard deviation on the unit interval; population: λ, candidates in a
+    generation."""
+
+    def _prepare(self) -> None:
+        self._first_generator = self._generator.bit_generator.state
         self._strategy: Any = None
         self._begin()
         self._generation_costs: list[list[float]] = []

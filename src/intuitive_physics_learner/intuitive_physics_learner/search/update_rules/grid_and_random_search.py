@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from intuitive_physics_learner.search.update_rules.update_rule import UpdateRule
 
@@ -18,15 +19,10 @@ class GridSearch(UpdateRule):
 
     name = "grid"
 
-    def __init__(
-        self,
-        size: int,
-        generator: np.random.Generator,
-        start: ArrayLike | None = None,
-        *,
-        increment: float = 0.05,
-    ) -> None:
-        super().__init__(size, generator, start, increment=increment)
+    defaults: ClassVar[Mapping[str, float]] = {"increment": 0.05}
+    """increment: δp, step of each parameter on the unit interval."""
+
+    def _prepare(self) -> None:
         self._levels = grid_levels(self.settings["increment"])
         self._next = 0
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from intuitive_physics_learner.search.update_rules.grid_and_random_search import GENERATION
 from intuitive_physics_learner.search.update_rules.single_point_search import (
@@ -17,36 +18,24 @@ from intuitive_physics_learner.search.update_rules.update_rule import UpdateRule
 
 
 class HybridSearch(UpdateRule):
-    """Follows the gradient of single parameters from the best of some random points.
-
-    Parameters
-    ----------
-    random_iterations : i, evaluations of J before the switch (Table I: 300)
-    learning_rate, smallest_step : as in `ParameterGradientSearch`
-    """
+    """Follows the gradient of single parameters from the best of some random points."""
 
     name = "hybrid"
 
-    def __init__(
-        self,
-        size: int,
-        generator: np.random.Generator,
-        start: ArrayLike | None = None,
-        *,
-        random_iterations: int = 300,
-        learning_rate: float = 0.1,
-        smallest_step: float = 0.001,
-    ) -> None:
-        super().__init__(
-            size,
-            generator,
-            start,
-            random_iterations=random_iterations,
-            learning_rate=learning_rate,
-            smallest_step=smallest_step,
-        )
+    defaults: ClassVar[Mapping[str, float]] = {
+        "random_iterations": 300,
+        "learning_rate": 0.1,
+        "smallest_step": 0.001,
+    }
+    """random_iterations: i, evaluations of J before the switch; others as
+    `ParameterGradientSearch`."""
+
+    def _prepare(self) -> None:
         self._gradient = ParameterGradientSearch(
-            size, generator, learning_rate=learning_rate, smallest_step=smallest_step
+            self.size,
+            self._generator,
+            learning_rate=self.settings["learning_rate"],
+            smallest_step=self.settings["smallest_step"],
         )
         self._evaluated = 0
 
@@ -84,34 +73,23 @@ class HybridSearch(UpdateRule):
 
 
 class HybridRandomSearch(UpdateRule):
-    """Switches from hybrid to adaptive random search after some sweeps over the parameters.
-
-    Parameters
-    ----------
-    sweeps : s, how often as many parameters as there are get targeted before the switch
-        (Table I: 5)
-    random_iterations, learning_rate, smallest_step : as in `HybridSearch`
-    """
+    """Switches from hybrid to adaptive random search after some sweeps over the parameters."""
 
     name = "hybrid_random"
 
-    def __init__(
-        self,
-        size: int,
-        generator: np.random.Generator,
-        start: ArrayLike | None = None,
-        *,
-        sweeps: int = 5,
-        random_iterations: int = 300,
-        learning_rate: float = 0.1,
-        smallest_step: float = 0.001,
-    ) -> None:
-        steps = {"learning_rate": learning_rate, "smallest_step": smallest_step}
-        super().__init__(
-            size, generator, start, sweeps=sweeps, random_iterations=random_iterations, **steps
-        )
-        self._hybrid = HybridSearch(size, generator, random_iterations=random_iterations, **steps)
-        self._adaptive = AdaptiveRandomSearch(size, generator)
+    defaults: ClassVar[Mapping[str, float]] = {
+        "sweeps": 5,
+        "random_iterations": 300,
+        "learning_rate": 0.1,
+        "smallest_step": 0.001,
+    }
+    """sweeps: s, how often as many parameters as there are get targeted before the switch;
+    others as `HybridSearch`."""
+
+    def _prepare(self) -> None:
+        of_hybrid = {key: self.settings[key] for key in HybridSearch.defaults}
+        self._hybrid = HybridSearch(self.size, self._generator, **of_hybrid)
+        self._adaptive = AdaptiveRandomSearch(self.size, self._generator)
 
     def propose(self) -> NDArray[np.float64]:
         return self._adaptive.propose() if self._switched else self._hybrid.propose()

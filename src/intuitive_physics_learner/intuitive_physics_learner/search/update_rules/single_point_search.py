@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from intuitive_physics_learner.search.update_rules.grid_and_random_search import grid_levels
 from intuitive_physics_learner.search.update_rules.update_rule import UpdateRule
@@ -21,14 +22,7 @@ class ClimbingRule(UpdateRule):
     cost : J in m at the current point
     """
 
-    def __init__(
-        self,
-        size: int,
-        generator: np.random.Generator,
-        start: ArrayLike | None = None,
-        **settings: float,
-    ) -> None:
-        super().__init__(size, generator, start, **settings)
+    def _prepare(self) -> None:
         self.point: NDArray[np.float64] | None = None
         self.cost = np.inf
 
@@ -79,17 +73,13 @@ class CoordinateDescent(ClimbingRule):
 
     name = "coordinate_descent"
 
-    def __init__(
-        self,
-        size: int,
-        generator: np.random.Generator,
-        start: ArrayLike | None = None,
-        *,
-        increment: float = 0.05,
-    ) -> None:
-        super().__init__(size, generator, start, increment=increment)
+    defaults: ClassVar[Mapping[str, float]] = {"increment": 0.05}
+    """increment: δp, step of a parameter on the unit interval."""
+
+    def _prepare(self) -> None:
+        super()._prepare()
         self._levels = grid_levels(self.settings["increment"])
-        self._order: list[int] = generator.permutation(size).tolist()
+        self._order: list[int] = self._generator.permutation(self.size).tolist()
         self._position = 0
 
     def _neighbours(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -122,20 +112,14 @@ class ParameterGradientSearch(ClimbingRule):
 
     name = "parameter_gradient"
 
-    def __init__(
-        self,
-        size: int,
-        generator: np.random.Generator,
-        start: ArrayLike | None = None,
-        *,
-        learning_rate: float = 0.1,
-        smallest_step: float = 0.001,
-    ) -> None:
-        super().__init__(
-            size, generator, start, learning_rate=learning_rate, smallest_step=smallest_step
-        )
+    defaults: ClassVar[Mapping[str, float]] = {"learning_rate": 0.1, "smallest_step": 0.001}
+    """learning_rate: α, first step on the unit interval; smallest_step: β, below which the next
+    parameter is targeted."""
+
+    def _prepare(self) -> None:
+        super()._prepare()
         self._step = self.settings["learning_rate"]
-        self._target = int(generator.integers(size))
+        self._target = int(self._generator.integers(self.size))
         self.targets_done = 0
 
     def _neighbours(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -197,18 +181,8 @@ class BoundedAdaptiveRandomSearch(AdaptiveRandomSearch):
 
     name = "bounded_adaptive_random"
 
-    def __init__(
-        self,
-        size: int,
-        generator: np.random.Generator,
-        start: ArrayLike | None = None,
-        *,
-        learning_rate: float = 0.1,
-        smallest_step: float = 0.001,
-    ) -> None:
-        super().__init__(
-            size, generator, start, learning_rate=learning_rate, smallest_step=smallest_step
-        )
+    defaults: ClassVar[Mapping[str, float]] = {"learning_rate": 0.1, "smallest_step": 0.001}
+    """learning_rate: α, largest ε on the unit interval; smallest_step: β, smallest ε."""
 
     def _epsilon(self) -> float:
         smallest = self.settings["smallest_step"]
@@ -220,24 +194,15 @@ class MetropolisHastings(UpdateRule):
 
     A candidate of cost J' replaces the current one of cost J with the chance
     min(1, exp((J - J') / temperature)); the paper names no temperature.
-
-    `temperature` in m of cost by which a candidate is accepted with the chance 1/e.
     """
 
     name = "metropolis_hastings"
 
-    def __init__(
-        self,
-        size: int,
-        generator: np.random.Generator,
-        start: ArrayLike | None = None,
-        *,
-        learning_rate: float = 0.05,
-        temperature: float = 0.001,
-    ) -> None:
-        super().__init__(
-            size, generator, start, learning_rate=learning_rate, temperature=temperature
-        )
+    defaults: ClassVar[Mapping[str, float]] = {"learning_rate": 0.05, "temperature": 0.001}
+    """learning_rate: α, largest step on the unit interval; temperature: m of cost by which a
+    candidate is accepted with the chance 1/e."""
+
+    def _prepare(self) -> None:
         self._point: NDArray[np.float64] | None = None
         self._cost = np.inf
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.validation import finite_array, positive_float
 
 
@@ -23,10 +24,13 @@ class UpdateRule(ABC):
     size : number of parameters n
     generator : the only source of randomness; owned by the rule from now on
     start : (n,) point of the unit cube proposed before all others; None leaves it to the rule
-    settings : numbers above zero, the rule's constants in Table I
+    settings : numbers above zero, instead of those of `defaults`
     """
 
     name: ClassVar[str]
+
+    defaults: ClassVar[Mapping[str, float]] = {}
+    """Constants of the rule, as in Table I."""
 
     def __init__(
         self,
@@ -37,9 +41,14 @@ class UpdateRule(ABC):
     ) -> None:
         if size < 1:
             raise InvalidInputError(f"size of the search space is {size}; expected at least 1")
+        for key in settings:
+            if key not in self.defaults:
+                expected = ", ".join(self.defaults) or "none"
+                raise UnknownNameError(f"setting of {self.name} is {key!r}; expected {expected}")
         self.size = size
         self.settings = {
-            key: positive_float(value, f"{key} of {self.name}") for key, value in settings.items()
+            key: positive_float(value, f"{key} of {self.name}")
+            for key, value in {**self.defaults, **settings}.items()
         }
         self._generator = generator
         self._start = None if start is None else _unit_point(start, size)
@@ -48,6 +57,11 @@ class UpdateRule(ABC):
         self._generator_before = generator.bit_generator.state
         self._costs: list[float] = []
         self._asked = 0
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Set up what the rule remembers, once the settings are known; by default nothing."""
+        return
 
     def ask(self, limit: int) -> NDArray[np.float64]:
         """Return the next candidates, shape (k, n) with k ≤ limit; k = 0 when there are no more.

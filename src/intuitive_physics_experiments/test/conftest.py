@@ -13,7 +13,7 @@ from intuitive_physics.state import ObjectState
 from intuitive_physics_experiments.recorded_sets.table_tennis import LAUNCH_BOUNCE_HEIGHT
 from intuitive_physics_experiments.recorded_sets.toss_evaluation import toss_parameters
 from intuitive_physics_experiments.rendering.corner_room import corner_camera, corner_environment
-from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer
+from intuitive_physics_experiments.rendering.depth_renderer import DepthImage, DepthRenderer
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_bag
 
 GRAVITY = 9.81
@@ -24,6 +24,23 @@ RESTITUTION = 0.9
 def renderer():
     """The corner room's renderer."""
     return DepthRenderer(corner_camera(), corner_environment())
+
+
+@pytest.fixture(scope="session")
+def full_image(renderer):
+    """Makes the whole image of the corner room with a ball in it."""
+
+    def make(center: Any, radius: float) -> DepthImage:
+        rendered = renderer.render_balls([center], [radius])
+        crop = (rendered.region.rows, rendered.region.columns)
+        depth, cosine = (
+            values.copy()
+            for values in (renderer.background.depth, renderer.background.incidence_cosine)
+        )
+        depth[crop], cosine[crop] = rendered.image.depth, rendered.image.incidence_cosine
+        return DepthImage(depth, cosine)
+
+    return make
 
 
 @pytest.fixture(scope="session")

@@ -95,15 +95,16 @@ def test_same_seed_same_image_other_seed_other_image():
     assert not np.array_equal(read(wall(1.0), noise, 3), read(wall(1.0), noise, 4))
 
 
-def test_a_region_gives_what_the_whole_image_would(renderer):
+def test_a_region_gives_what_the_whole_image_would(renderer, full_image):
     # Faults computed anew only around the ball equal those of the whole image.
     center, radius = (0.5, 0.4, 0.4), 0.07
     noise = DepthNoise()
     sensors = [
         NoisyDepthCamera(image, FOCAL_LENGTH, noise, np.random.default_rng(5))
-        for image in (renderer.background, renderer.full_image(center, radius))
+        for image in (renderer.background, full_image(center, radius))
     ]
-    by_region = sensors[0].read(*renderer.render(center, radius))
+    rendered = renderer.render_balls([center], [radius])
+    by_region = sensors[0].read(rendered.image, rendered.region)
     assert np.array_equal(by_region, sensors[1].read())
 
 
@@ -117,7 +118,8 @@ def test_sixty_frames_a_second(renderer):
     for _ in range(3):
         start = process_time()
         for _ in range(frames):
-            sensor.read(*renderer.render((0.5, 0.4, 0.4), 0.07))
+            rendered = renderer.render_balls([(0.5, 0.4, 0.4)], [0.07])
+            sensor.read(rendered.image, rendered.region)
         best = min(best, (process_time() - start) / frames)
     assert best < 1.0 / 60.0
 

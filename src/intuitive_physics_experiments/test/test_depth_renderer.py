@@ -46,8 +46,8 @@ def test_the_floor_fills_most_of_the_image(renderer):
 @given(
     x=st.floats(-0.2, 0.9), y=st.floats(-0.2, 0.9), z=st.floats(0.1, 0.9), r=st.floats(0.02, 0.1)
 )
-def test_every_ball_pixel_lies_on_the_sphere(renderer, x, y, z, r):
-    image = renderer.full_image((x, y, z), r)
+def test_every_ball_pixel_lies_on_the_sphere(renderer, full_image, x, y, z, r):
+    image = full_image((x, y, z), r)
     camera = renderer.camera
     ball = image.depth != renderer.background.depth
     points = camera.rays()[ball] * image.depth[ball][:, None] @ camera.rotation.T + camera.position
@@ -63,22 +63,22 @@ def test_every_ball_pixel_lies_on_the_sphere(renderer, x, y, z, r):
         assert np.array_equal(ball, inside) or (ball != inside).sum() <= 4
 
 
-def test_the_nearest_point_has_depth_center_minus_radius(renderer):
+def test_the_nearest_point_has_depth_center_minus_radius(renderer, full_image):
     camera = renderer.camera
     center = camera.position + camera.rotation[:, 2] * 1.5
-    image = renderer.full_image(center, 0.07)
+    image = full_image(center, 0.07)
     middle = image.depth[camera.height // 2, camera.width // 2]
     assert middle == pytest.approx(1.43, abs=1e-4)
 
 
-def test_a_ball_outside_the_view_leaves_the_background(renderer):
-    image = renderer.full_image((-0.5, 5.0, 0.5), 0.07)
+def test_a_ball_outside_the_view_leaves_the_background(renderer, full_image):
+    image = full_image((-0.5, 5.0, 0.5), 0.07)
     assert np.array_equal(image.depth, renderer.background.depth)
 
 
 def test_a_ball_behind_the_camera_is_refused(renderer):
     with pytest.raises(InvalidInputError, match="before the camera"):
-        renderer.render((-2.0, -2.0, 2.0), 0.07)
+        renderer.render_balls([(-2.0, -2.0, 2.0)], [0.07])
 
 
 def test_a_ball_before_another_hides_it(renderer):

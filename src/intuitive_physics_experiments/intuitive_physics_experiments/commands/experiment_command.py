@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -12,11 +11,8 @@ from typing import Any
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.settings import add_options, settings_from_options
 from intuitive_physics_experiments.paper.settings import (
-    QUICK_LEARNING_CURVE,
-    QUICK_PREDICTION,
-    QUICK_RGBD,
-    QUICK_SEARCH_METHODS,
     DatasetSettings,
+    ExperimentSettings,
     LearningCurveSettings,
     PredictionExperimentSettings,
     RgbdSettings,
@@ -26,69 +22,48 @@ from intuitive_physics_experiments.paper.settings import (
 
 @dataclass(frozen=True)
 class Experiment:
-    """A subcommand that makes one experiment."""
+    """A subcommand that makes one experiment, by `run` of the module of its name in `paper`."""
 
-    name: str  # of the subcommand
-    # help, description: as argparse shows them
+    name: str
     help: str
     description: str
-    module: str  # that makes it; imported only when it is asked for, since that takes seconds
-    run: str  # name of the module's `results.Experiment`
-    settings: type[Any]  # class of its settings
-    options: tuple[str, ...]  # settings that can be given
-    quick: Mapping[str, Any]  # reduced settings
-    label: str  # of the progress bar
+    settings: type[ExperimentSettings]
+
+    @property
+    def module(self) -> str:
+        """Name of the module; it is imported only when it is needed, since that takes seconds."""
+        return f"intuitive_physics_experiments.paper.{self.name.replace('-', '_')}"
 
 
-# The paper's experiments, in the order of the help.
+# The paper's experiments, in the order of the help
 EXPERIMENTS = (
     Experiment(
         "learning-curve",
         "training and test error over numbers of objects and samples (Fig. 4)",
         "Learn from sets of 1, 5, 10 objects with 10, 50, 100 samples of each, ten times, and "
         "predict a fifth of the runs that is not learned from.",
-        "intuitive_physics_experiments.paper.learning_curve",
-        "run_learning_curve",
         LearningCurveSettings,
-        ("objects", "samples", "repetitions", "iterations", "method", "engine", "seed"),
-        QUICK_LEARNING_CURVE,
-        "learning",
     ),
     Experiment(
         "search-methods",
         "J over iterations of the nine update rules (Fig. 6, Table I)",
         "Search the static parameters of sets of 1, 10, 20 objects with 1, 10, 50 samples of each "
         "by all nine update rules, ten times each.",
-        "intuitive_physics_experiments.paper.search_methods",
-        "run_search_methods",
         SearchMethodsSettings,
-        ("objects", "samples", "runs", "iterations", "seed"),
-        QUICK_SEARCH_METHODS,
-        "searching",
     ),
     Experiment(
         "prediction",
         "noisy-Newton predictions of test runs (Figs. 1 and 5)",
         "Learn from runs of random objects and predict others for 5 s from their first three "
         "points.",
-        "intuitive_physics_experiments.paper.prediction",
-        "run_prediction",
         PredictionExperimentSettings,
-        ("objects", "samples", "iterations", "seed"),
-        QUICK_PREDICTION,
-        "learning",
     ),
     Experiment(
         "rgbd",
         "thrown balls, rendered, perceived, learned, predicted (Sec. VI, Figs. 7 to 9)",
         "Render throws of balls of 3, 5 and 7 cm radius, run the whole perception pipeline over "
         "them, learn each ball alone and predict throws that were not learned from.",
-        "intuitive_physics_experiments.paper.rgbd",
-        "run_rgbd",
         RgbdSettings,
-        ("throws", "iterations", "seed"),
-        QUICK_RGBD,
-        "working",
     ),
 )
 
@@ -158,7 +133,7 @@ def _add_experiment(experiments: Any, experiment: Experiment) -> None:
     parser.add_argument("output", type=Path, help="folder of tables and figures; goes on there")
     parser.add_argument("--quick", action="store_true", help="reduced settings: about two minutes")
     parser.add_argument("--cores", type=int, default=1, help="of this machine (default: 1)")
-    add_options(parser, experiment.settings, experiment.options)
+    add_options(parser, experiment.settings)
     parser.set_defaults(run=lambda options: _run_experiment(experiment, options))
 
 
@@ -168,11 +143,11 @@ def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> None
 
     if options.cores < 1:
         raise InvalidInputError(f"--cores is {options.cores}; expected 1 or more")
-    reduced = experiment.quick if options.quick else {}
+    reduced = experiment.settings.quick if options.quick else {}
     settings = settings_from_options(experiment.settings, options, **reduced)
-    with ProgressBar(experiment.label) as bar:
+    with ProgressBar(experiment.name) as bar:
         run_experiment(
-            getattr(import_module(experiment.module), experiment.run),
+            import_module(experiment.module).run,
             experiment.name,
             settings,
             options.output,

@@ -83,7 +83,7 @@ def _draw_panel(axes: Any, lines: Sequence[Row]) -> None:
 ERRORS = ("learned", "oracle", "default")
 
 
-def run_learning_curve(settings: LearningCurveSettings, store: CellStore) -> Results:
+def run(settings: LearningCurveSettings, store: CellStore) -> Results:
     """Learn from each set."""
     cells = store.run(_cells(settings, make_simulator("auto")))
     rows = [row for cell in cells.values() for row in cell["rows"]]

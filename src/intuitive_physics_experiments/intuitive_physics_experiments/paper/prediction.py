@@ -83,7 +83,7 @@ def _draw_error_over_time(
 FIRST, EXAMPLES = "three_points", 6
 
 
-def run_prediction(settings: PredictionExperimentSettings, store: CellStore) -> Results:
+def run(settings: PredictionExperimentSettings, store: CellStore) -> Results:
     """Learn, and predict the test runs."""
     simulator = make_simulator("auto", store.cores)
     rng = np.random.default_rng(settings.seed)

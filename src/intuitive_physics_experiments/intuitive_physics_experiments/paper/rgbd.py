@@ -74,7 +74,7 @@ TRAIN_FRACTION = 0.8  # Share of a ball's throws that is learned from
 BAG_NAME = "throws"  # Folder of the rendered bag
 
 
-def run_rgbd(settings: RgbdSettings, store: CellStore) -> Results:
+def run(settings: RgbdSettings, store: CellStore) -> Results:
     """Render, perceive, learn each ball and predict some of its throws."""
     observations, perceived = _observations(settings, store)
     by_ball = {

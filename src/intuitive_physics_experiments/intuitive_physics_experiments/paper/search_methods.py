@@ -92,7 +92,7 @@ class SearchSet:
     default: float
 
 
-def run_search_methods(settings: SearchMethodsSettings, store: CellStore) -> Results:
+def run(settings: SearchMethodsSettings, store: CellStore) -> Results:
     """Search with every rule on every set."""
     cells = store.run(_cells(settings, make_simulator("auto")))
     curves, final = _curves(settings, cells), _final(settings, cells)

@@ -1,10 +1,10 @@
-"""Settings of the paper's experiments, with the reduced ones of `--quick`."""
+"""Settings of the paper's experiments; what is made by `number` or `other` is an option."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import inf
-from typing import Any
+from typing import Any, ClassVar
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.settings import check_settings, number, numbers, other
@@ -16,8 +16,17 @@ ENGINE_GUIDE = (
 )
 
 
+class ExperimentSettings:
+    """Settings that are checked; `quick` has those of a run of about two minutes."""
+
+    quick: ClassVar[dict[str, Any]] = {}
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
 @dataclass(frozen=True)
-class DatasetSettings:
+class DatasetSettings(ExperimentSettings):
     """Settings of the synthetic set of Sec. IV-B."""
 
     objects: int = number(1, 1, inf, "objects in the pool")
@@ -25,12 +34,9 @@ class DatasetSettings:
     engine: str = other("auto", ENGINE_GUIDE)
     seed: int = number(0, 0, inf, "of all randomness")
 
-    def __post_init__(self) -> None:
-        check_settings(self)
-
 
 @dataclass(frozen=True)
-class LearningCurveSettings:
+class LearningCurveSettings(ExperimentSettings):
     """Settings of the training and test error over numbers of objects and samples."""
 
     objects: tuple[int, ...] = numbers((1, 5, 10), 1, inf, "sizes of the pool")
@@ -42,18 +48,12 @@ class LearningCurveSettings:
     # each is learned with; see `paper_dataset.INITIAL_STATES`
     initial_states: tuple[str, ...] = ("three_points", "flight")
     seed: int = number(0, 0, inf, "of all randomness")
-
-    def __post_init__(self) -> None:
-        check_settings(self)
-
-
-# Settings of about two minutes.
-QUICK_LEARNING_CURVE: dict[str, Any] = {
-    "objects": (1, 5),
-    "samples": (10,),
-    "repetitions": 2,
-    "iterations": 300,
-}
+    quick: ClassVar[dict[str, Any]] = {
+        "objects": (1, 5),
+        "samples": (10,),
+        "repetitions": 2,
+        "iterations": 300,
+    }
 
 
 def _compared_rules() -> tuple[str, ...]:
@@ -64,7 +64,7 @@ def _compared_rules() -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class SearchMethodsSettings:
+class SearchMethodsSettings(ExperimentSettings):
     """Settings of the comparison of update rules."""
 
     objects: tuple[int, ...] = numbers((1, 10, 20), 1, inf, "sizes of the pool")
@@ -81,9 +81,15 @@ class SearchMethodsSettings:
     # bounds
     methods: tuple[str, ...] = field(default_factory=_compared_rules)
     seed: int = number(0, 0, inf, "of all randomness")
+    quick: ClassVar[dict[str, Any]] = {
+        "objects": (1, 10),
+        "samples": (1,),
+        "runs": 2,
+        "iterations": (200,),
+    }
 
     def __post_init__(self) -> None:
-        check_settings(self)
+        super().__post_init__()
         if len(self.iterations) not in (1, len(self.objects)):
             raise InvalidInputError(
                 f"{len(self.iterations)} numbers of iterations for {len(self.objects)} sizes of "
@@ -97,17 +103,8 @@ class SearchMethodsSettings:
         return self.iterations[self.objects.index(objects)]
 
 
-# Settings of about two minutes.
-QUICK_SEARCH_METHODS: dict[str, Any] = {
-    "objects": (1, 10),
-    "samples": (1,),
-    "runs": 2,
-    "iterations": (200,),
-}
-
-
 @dataclass(frozen=True)
-class PredictionExperimentSettings:
+class PredictionExperimentSettings(ExperimentSettings):
     """Settings of the noisy-Newton predictions of test runs.
 
     Trajectories of one run share the error of θ_s and of their contacts, so that a few runs do not
@@ -118,30 +115,19 @@ class PredictionExperimentSettings:
     samples: int = number(
         50, 1, inf, "trajectories of each object, 80 % of them to learn from, as in the paper"
     )
-    further: int = number(30, 0, inf, "trajectories of each object that are only predicted")
+    further: int = 30
     iterations: int = number(2000, 1, inf, "evaluations of J for the learning")
-    sample_count: int = number(20, 1, inf, "noisy-Newton samples of each prediction")
+    sample_count: int = 20  # noisy-Newton samples of each prediction
     seed: int = number(0, 0, inf, "of all randomness")
-
-    def __post_init__(self) -> None:
-        check_settings(self)
-
-
-# Settings of about two minutes.
-QUICK_PREDICTION: dict[str, Any] = {"objects": 3, "samples": 10, "iterations": 1000}
+    quick: ClassVar[dict[str, Any]] = {"objects": 3, "samples": 10, "iterations": 1000}
 
 
 @dataclass(frozen=True)
-class RgbdSettings:
+class RgbdSettings(ExperimentSettings):
     """Settings of the thrown balls that are rendered, perceived, learned and predicted."""
 
     throws: int = number(30, 1, inf, "throws of each ball")
-    duration: float = number(2.4, 0.1, 60.0, "of each throw", unit="s")
+    duration: float = 2.4  # s of each throw
     iterations: int = number(1000, 1, inf, "evaluations of J for each learning")
     seed: int = number(0, 0, inf, "of throws, noise and searches")
-
-    def __post_init__(self) -> None:
-        check_settings(self)
-
-
-QUICK_RGBD: dict[str, Any] = {"throws": 3, "iterations": 150}  # Settings of about two minutes
+    quick: ClassVar[dict[str, Any]] = {"throws": 3, "iterations": 150}

@@ -104,7 +104,7 @@ class NoisyDepthCamera:
     ) -> NDArray[np.uint16]:
         """Return one noisy image (height, width) in millimetres, 0 where there is no reading.
 
-        Part and region are what `DepthRenderer.render` returned; None: the empty background.
+        Part and region are what `DepthRenderer.render_balls` returned; None: the empty background.
         """
         level, sigma, loss = self._level, self._sigma, self._loss
         if part is not None and region is not None and not region.empty:

@@ -68,11 +68,6 @@ class DepthRenderer:
         self._rays = camera.rays().astype(np.float32)
         self.background = _cast_background(camera, environment, self._rays)
 
-    def render(self, center: ArrayLike, radius: float) -> tuple[DepthImage, ImageRegion]:
-        """Return the rectangle of the image that a ball at `center` (3,) m covers, and where."""
-        rendered = self.render_balls([center], [radius])
-        return rendered.image, rendered.region
-
     def render_balls(self, centers: Sequence[ArrayLike], radii: Sequence[float]) -> RenderedBalls:
         """Return the rectangle of the image that covers balls of `centers` (3,) m and radii in m.
 
@@ -97,14 +92,6 @@ class DepthRenderer:
             cosine[inside][nearer] = ball_cosine[nearer]
             owner[inside][nearer] = k
         return RenderedBalls(DepthImage(depth, cosine), region, owner)
-
-    def full_image(self, center: ArrayLike, radius: float) -> DepthImage:
-        """Return the whole image with a ball in it, at `center` (3,) m, with a radius in m."""
-        part, region = self.render(center, radius)
-        depth, cosine = self.background.depth.copy(), self.background.incidence_cosine.copy()
-        depth[region.rows, region.columns] = part.depth
-        cosine[region.rows, region.columns] = part.incidence_cosine
-        return DepthImage(depth, cosine)
 
     def _ball_region(self, optical: NDArray[np.float64], radius: float) -> ImageRegion:
         x, y, z = optical

@@ -119,7 +119,7 @@ class PredictionExperimentSettings(ExperimentSettings):
     iterations: int = number(2000, 1, inf, "evaluations of J for the learning")
     sample_count: int = 20  # noisy-Newton samples of each prediction
     seed: int = number(0, 0, inf, "of all randomness")
-    quick: ClassVar[dict[str, Any]] = {"objects": 3, "samples": 10, "iterations": 1000}
+    quick: ClassVar = {"objects": 3, "samples": 10, "iterations": 1000}
 
 
 @dataclass(frozen=True)
@@ -130,4 +130,4 @@ class RgbdSettings(ExperimentSettings):
     duration: float = 2.4  # s of each throw
     iterations: int = number(1000, 1, inf, "evaluations of J for each learning")
     seed: int = number(0, 0, inf, "of throws, noise and searches")
-    quick: ClassVar[dict[str, Any]] = {"throws": 3, "iterations": 150}
+    quick: ClassVar = {"throws": 3, "iterations": 150}

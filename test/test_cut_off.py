@@ -1,7 +1,4 @@
-"""A run that is cut off at any instant leaves nothing: no process, no mount, no shared memory.
-
-`python -m test.test_cut_off NUMBER` cuts off more runs than `make test` does.
-"""
+"""A run that is cut off at any instant leaves nothing: no process, no mount, no shared memory."""
 
 from __future__ import annotations
 
@@ -45,8 +42,8 @@ RUNS = {
 
 SIGNALS = (signal.SIGTERM, signal.SIGKILL)
 
-MOMENT, PATIENCE = 2.0, 10.0
-"""s within which everything has to be gone: of a machine that does nothing else, and of a test."""
+PATIENCE = 10.0
+"""s within which everything has to be gone; it takes less than 2 on a machine that is not busy."""
 
 
 @dataclass(frozen=True)
@@ -120,9 +117,7 @@ def is_held(segment: Path) -> bool:
     return False
 
 
-def cut_off(
-    kind: str, number: int, rng: random.Random, folder: Path, moment: float = MOMENT
-) -> Remains:
+def cut_off(kind: str, number: int, rng: random.Random, folder: Path) -> Remains:
     """Start a run, end it by a signal at a random instant, and return what is left of it."""
     arguments, longest = RUNS[kind]
     mark = uuid.uuid4().hex
@@ -144,7 +139,7 @@ def cut_off(
             time.sleep(0.05)
         was_running = run.poll() is None
         run.send_signal(number)
-        end = time.monotonic() + moment
+        end = time.monotonic() + PATIENCE
         while (left := remains(mark, segments, mounted)) and time.monotonic() < end:
             time.sleep(0.2)
         return Remains(was_running, left)
@@ -167,7 +162,7 @@ def cut_off(
 )
 def test_a_run_that_is_cut_off_leaves_nothing(kind, number, tmp_path):
     seed = random.SystemRandom().randrange(1000)
-    left = cut_off(kind, number, random.Random(seed), tmp_path, PATIENCE)
+    left = cut_off(kind, number, random.Random(seed), tmp_path)
     assert left == Remains(True, []), f"seed {seed}"
 
 
@@ -180,17 +175,3 @@ def test_a_segment_is_left_where_nobody_has_its_lock(tmp_path):
         fcntl.flock(lock, fcntl.LOCK_EX)
         assert is_held(segment)
     assert not is_held(segment)
-
-
-def main() -> None:
-    """Cut off so many runs of each kind by each signal, and print what they leave."""
-    rng = random.Random(19)
-    for kind in RUNS:
-        for number in SIGNALS * int(sys.argv[1]):
-            left = cut_off(kind, number, rng, Path("/tmp"))
-            state = "" if left.was_running else " (it had ended)"
-            print(f"{kind} {number.name}{state}: {left.things or 'nothing'}", flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_bringup.connections import NODES, clock_rules
 
 LAUNCH_FILE = Path(__file__).parent.parent / "launch" / "intuitive_physics.launch.py"
@@ -54,3 +55,30 @@ def test_nodes_and_rviz_take_the_time_of_a_simulator_or_of_their_bag(monkeypatch
     assert suite.uses_sim_time(given)
     for action in [*(suite.node(name, given) for name in NODES), suite.rviz(given)]:
         assert renamed(action).get("/clock") == clock
+
+
+@pytest.mark.needs("ros2launch")
+@pytest.mark.parametrize(
+    ("name", "value", "complaint"),
+    [
+        ("rviz", "maybe", "rviz is 'maybe'; expected true or false"),
+        (
+            "params_file",
+            "nowhere.yaml",
+            "params_file is 'nowhere.yaml'; expected the path of a YAML",
+        ),
+        ("camera", "pinhole", "camera is 'pinhole'; expected one of realsense, zed, azure_kinect"),
+        ("namespace", "a b", "namespace is 'a b'; expected letters, digits and _"),
+        ("log_level", "loud", "log_level is 'loud'; expected one of debug, info"),
+        ("rate", "-1", "rate is '-1'; expected a number from 0.01 to 100"),
+        ("bag", "nowhere", "bag is 'nowhere'; expected the path of a bag"),
+        ("respawn", "often", "respawn is 'often'; expected true or false"),
+        ("use_sim_time", "perhaps", "use_sim_time is 'perhaps'; expected true or false"),
+    ],
+)
+def test_bad_arguments_are_refused(monkeypatch, name, value, complaint):
+    monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
+    suite = loaded()
+    with pytest.raises(InvalidInputError) as error:
+        suite.check(arguments(suite, **{name: value}))
+    assert complaint in str(error.value)

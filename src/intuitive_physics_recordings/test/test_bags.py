@@ -20,7 +20,7 @@ from intuitive_physics_recordings.depth_bag_writer import (
     DEPTH_TOPIC,
     DepthBagWriter,
 )
-from intuitive_physics_recordings.ros_messages import suite_typestore
+from intuitive_physics_recordings.observation_bag import suite_typestore
 
 from .small_camera import SMALL
 

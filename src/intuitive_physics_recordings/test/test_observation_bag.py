@@ -26,16 +26,14 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_recordings.bag_reader import BagReader
 from intuitive_physics_recordings.bag_writing import mcap_writer
 from intuitive_physics_recordings.observation_bag import (
-    OBSERVATION_TYPE,
-    TOPIC,
-    read_observation_bag,
-    write_observation_bag,
-)
-from intuitive_physics_recordings.ros_messages import (
     DEFINITIONS,
+    OBSERVATION_TYPE,
     PACKAGE,
+    TOPIC,
     message_maker,
+    read_observation_bag,
     suite_typestore,
+    write_observation_bag,
 )
 
 SHAPES: tuple[Shape, ...] = (Sphere(0.05), Box((0.1, 0.2, 0.3)), Capsule(0.04, 0.2))
@@ -169,10 +167,6 @@ def test_a_bag_of_the_definition_without_detections_is_read(bag: Path) -> None:
     without = [replace(one, detections=None) for one in seen.objects]
     for got in read_observation_bag(folder):
         assert_same(got, replace(seen, objects=tuple(without)))
-
-
-def test_definitions_are_those_of_the_message_package() -> None:
-    assert (DEFINITIONS / "Observation.msg").exists()
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ from intuitive_physics_ros.conversions import (
     observation_to_message,
     seconds_from_stamp,
 )
-from intuitive_physics_ros.conversions.standard_messages import detections_to_message
+from intuitive_physics_ros.conversions.scenes import detections_to_message
 from intuitive_physics_ros.diagnostics import Level, Status
 from intuitive_physics_ros.environment_publisher import EnvironmentPublisher
 from intuitive_physics_ros.imu_input import ImuInput

@@ -13,7 +13,7 @@ from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics_ros.conversions import object_state_to_message, stamp_from_seconds
 from intuitive_physics_ros.conversions.primitives import xyz
-from intuitive_physics_ros.conversions.standard_messages import (
+from intuitive_physics_ros.conversions.scenes import (
     box_around,
     detections_to_message,
 )

@@ -1,4 +1,4 @@
-"""What launch arguments are refused for, in one sentence, before anything is started."""
+"""Checks of launch arguments before anything is started; each refusal is one sentence."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The nodes, and the topics of the cameras that they are connected to.
 
 The nodes meet by the relative names of `intuitive_physics_ros.topics`; nothing connects them. They
-look for others on this machine, unless something else is said.
+look for others on this machine only, unless they are configured otherwise.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Camera:
 
 
 TRANSPORTS = {"~/depth/image": "/compressedDepth", "~/color/image": "/compressed"}
-"""Where image_transport has compressed images, below the topic of the others."""
+"""Ends of the topics on which image_transport publishes the same images compressed."""
 
 
 def with_compressed(topics: Mapping[str, str]) -> dict[str, str]:
@@ -141,7 +141,7 @@ def session_topics(
 ) -> list[str]:
     """Return the topics from which a session can be reproduced and compared.
 
-    Those of the camera and of frames are all that perception needs; the others are what came out.
+    Topics of the camera and of frames are all that perception needs; the others are its results.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ PEERS = "ROS_STATIC_PEERS"
 """Variable of the environment with the machines that are looked for wherever they are."""
 
 RANGES = ("localhost", "subnet", "off", "system_default")
-"""What the range may be; `system_default` leaves it to the middleware's own configuration."""
+"""Values of the range; `system_default` leaves it to the middleware's own configuration."""
 
 ADDRESS = re.compile(r"[A-Za-z0-9:]([A-Za-z0-9.:-]*[A-Za-z0-9:])?")
 """A host name or an address of IPv4 or IPv6."""

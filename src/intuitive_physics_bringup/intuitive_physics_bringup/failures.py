@@ -1,4 +1,4 @@
-"""Which end of a process ends all others, and the one sentence that is said of it at the end."""
+"""Decides which process, when it ends, ends all others, and gives the reason in one sentence."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ LOST = 255
 """Exit code that launch reports when it did not see a process end."""
 
 ERROR = re.compile(r"^(?:\S+: )?error: (.*)$", re.MULTILINE)
-"""What a node that cannot start writes to standard error."""
+"""Line on standard error of a node that cannot start."""
 
 
 class Failures:

@@ -1,7 +1,7 @@
 """Perception, learner and predictor; optionally a bag to replay and RViz.
 
-All arguments are checked before the first process is started. What only a node can know to be
-wrong, such as the value of a parameter or the inside of a bag, ends all with one sentence.
+All arguments are checked before the first process is started. An error that only a node can find,
+such as a wrong value of a parameter or a damaged bag, ends everything with one sentence.
 """
 
 import os
@@ -101,7 +101,7 @@ ARGUMENTS = {
 ONLY_HERE = (
     "looks for other nodes on this machine only; discovery:=subnet or peers:=ADDRESS finds others"
 )
-"""Said at start, as a robot and RViz on a laptop do not see each other otherwise."""
+"""Logged at the start: a robot and RViz on a laptop do not see each other otherwise."""
 
 RESPAWN_DELAY = 0.5
 """s between the end of a node and its next start."""
@@ -110,10 +110,10 @@ REPLAY_PATIENCE = 300.0
 """s that the bag waits for the nodes, whose first start compiles their kernels."""
 
 NAMESPACE = re.compile(r"(/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?")
-"""What a namespace may be."""
+"""Pattern of a valid namespace."""
 
 LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
-"""What `log_level` may be."""
+"""Values of `log_level`."""
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -1,4 +1,4 @@
-"""What the launch file and its configuration say of the nodes is true of them."""
+"""The launch file and its configuration agree with the nodes."""
 
 from __future__ import annotations
 

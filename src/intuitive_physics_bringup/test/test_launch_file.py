@@ -1,4 +1,4 @@
-"""What the launch file starts, and what it refuses before anything is started."""
+"""The launch file: the processes it starts, and the arguments it refuses."""
 
 from __future__ import annotations
 

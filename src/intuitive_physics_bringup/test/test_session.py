@@ -1,4 +1,4 @@
-"""What is recorded of a session is what it is made from, and what came out."""
+"""A recorded session has all inputs and all results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What RViz and Foxglove are told to show exists: topics, types, and fields of messages."""
+"""Topics, types and fields of messages in the layouts of RViz and Foxglove exist."""
 
 from __future__ import annotations
 

@@ -22,14 +22,14 @@ from intuitive_physics_predictor.parameter_uncertainty import UncertainParameter
 
 
 def warm_up() -> None:
-    """Call once all that a prediction needs."""
+    """Call once every kernel of a prediction."""
     warm_up_simulation()
     warm_up_samples()
     warm_up_estimates()
 
 
 def warm_up_samples() -> None:
-    """Compile what draws samples and sums them up, or load it from the cache."""
+    """Compile the kernels that draw samples and take their moments, or load them."""
     weighted_moments(np.zeros((2, 1, 3)), np.full(2, 0.5))
     ball = SceneObject("ball", "any", Sphere(1.0))
     scene = Scene(Environment(), (ball,), (ObjectState((0.0, 0.0, 0.0)),))
@@ -54,4 +54,4 @@ def warm_up_estimates() -> None:
 
 
 WARM_UPS: tuple[WarmUp, ...] = (warm_up_samples, warm_up_estimates)
-"""What `intuitive_physics.kernels.warm_up` calls beside the simulation's."""
+"""Functions that `intuitive_physics.kernels.warm_up` calls after those of the simulation."""

@@ -15,7 +15,7 @@ from intuitive_physics_predictor.moments import weighted_moments
 
 @dataclass(frozen=True, eq=False)
 class TrajectoryDistribution:
-    """Where each object will be.
+    """Distribution of the future paths of each object, as weighted samples.
 
     Several futures (left or right of an edge) stay several: they are in the samples, and no
     question is answered from the mean between them.
@@ -28,7 +28,7 @@ class TrajectoryDistribution:
     weights : (n_samples,), summing to one
     orientations : (n_samples, n_objects, n_times, 4) unit quaternions (x, y, z, w); None when
         they were not asked for
-    failed_count : samples that could not be simulated to the end; they are left out of the others
+    failed_count : samples that could not be simulated to the end; the arrays are without them
     """
 
     object_ids: tuple[str, ...]
@@ -79,9 +79,9 @@ class TrajectoryDistribution:
         return self.object_ids.index(object_id)
 
     def parts(self, numbers: int) -> Iterator[TrajectoryDistribution]:
-        """Yield the samples in parts of up to so many numbers, in order; weights stay as they are.
+        """Yield the samples in order, in parts of up to `numbers` numbers but at least one sample.
 
-        Each has one sample at least.
+        The weights stay as they are.
         """
         together = max(1, numbers // max(1, self.positions[0].size)) if self.weights.size else 1
         for first in range(0, max(1, self.weights.size), together):

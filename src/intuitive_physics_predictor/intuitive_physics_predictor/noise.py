@@ -1,4 +1,4 @@
-"""Draws of θ_d: states, and sizes, that are as uncertain as they were perceived."""
+"""Draws of θ_d: states and sizes, with the uncertainty of their perception."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ FIXED = "fixed"
 """A spin that is a guess has the fixed noise alone."""
 
 SPIN_PRIORS = (LEARNED, PERCEIVED, FIXED)
-"""What a spin that perception could not see is drawn from."""
+"""Priors of a spin that perception could not see."""
 
 
 @dataclass(frozen=True)
 class StateNoise:
-    """What is added to a perceived state (Sec. III-E).
+    """Noise that is added to a perceived state (Sec. III-E).
 
     The noise has the covariance the state was perceived with, its standard deviations scaled, plus
     fixed Gaussian noise of the standard deviations below on each axis; the paper's setting is fixed

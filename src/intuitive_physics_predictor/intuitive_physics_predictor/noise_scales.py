@@ -1,4 +1,4 @@
-"""How much noise a prediction has: a few numbers, fitted to the past and kept beside θ_s."""
+"""Amount of noise in a prediction: a few numbers, fitted to the past and kept beside θ_s."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ FORMAT = "intuitive_physics/noise_scales/1"
 """Format and version that a file of scales names."""
 
 SCALES_KEY = "noise_scales"
-"""Key of the scales in a file of θ_s; those who want θ_s alone pass over it."""
+"""Key of the scales in a file of θ_s; readers of θ_s alone ignore it."""
 
 KEPT = 4
-"""Distributions of θ_s that are kept, each at most 8 MB: that of the ticks and of some requests."""
+"""Distributions of θ_s in the cache, at most 8 MB each: that of the ticks and of some requests."""
 
 
 @dataclass(frozen=True)
 class NoiseScales:
     """Factors on the uncertainties a prediction is given, and noise it is not given.
 
-    The defaults believe what perception and learner say. Numbers only, so that a node has each as a
-    parameter of the same name.
+    The defaults take the uncertainties of perception and learner as they are. Each scale is a
+    number, so that a node has a parameter for it.
 
     Parameters
     ----------

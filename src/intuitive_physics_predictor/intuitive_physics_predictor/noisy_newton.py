@@ -86,7 +86,7 @@ def predict(
 
 @dataclass(frozen=True, eq=False)
 class PreparedScene:
-    """What all samples of a scene have in common, for many predictions.
+    """Parts that all samples of a scene share, for many predictions.
 
     Parameters
     ----------
@@ -95,8 +95,8 @@ class PreparedScene:
     world : the scene packed, a batch of one
     spread : of the objects' states as perceived
     noise : on the states
-    estimates : of each object, by everything seen of it; None where its perceived state is all
-        there is; empty: of no object
+    estimates : of each object, from all its detections; None where there is only the perceived
+        state; empty: of no object
     """
 
     scene: Scene

@@ -99,7 +99,7 @@ WORK = np.dtype(
     ],
     align=True,
 )
-"""What is known of the object that is placed."""
+"""Scratch for the object that is placed."""
 
 
 def condition_on_outside(

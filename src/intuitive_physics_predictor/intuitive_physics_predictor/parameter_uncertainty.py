@@ -1,4 +1,4 @@
-"""Draws of θ_s: material parameters that are as uncertain as the learner says."""
+"""Draws of θ_s: material parameters with the uncertainty that the learner states."""
 
 from __future__ import annotations
 
@@ -25,40 +25,39 @@ RESTITUTION = PAIR_COEFFICIENTS.index("restitution")
 """Index of e among the coefficients of a pair."""
 
 LARGEST_POOL = 4096
-"""Draws that are made of each θ_s: a quantile of any prediction is off by at most 0.8 % of
-probability, one standard error, beyond what its own samples leave open."""
+"""Draws of each θ_s: they add an error of at most 0.8 % of probability, one standard error, to a
+quantile of a prediction."""
 
 SMALLEST_POOL = 1024
-"""Draws where there are many parameters: 1.6 % of probability, likewise."""
+"""Draws where there are many parameters: an error of 1.6 % of probability, likewise."""
 
 POOL_NUMBERS = 2**20
-"""Numbers in a pool from which on there are fewer draws, 8 MB: with more than 256 parameters."""
+"""Largest size of a pool, 8 MB: with more than 256 parameters there are fewer draws."""
 
 POOL_SEED = 0
-"""Seed of the draws: the same θ_s has the same ones."""
+"""Seed of the draws: the same θ_s has the same draws."""
 
 
 class UncertainParameters:
     """A distribution of θ_s about what was learned.
 
     θ_s has the learner's posterior, a Gaussian distribution with all correlations, cut off at its
-    bounds (`ParameterPosterior`). What the observations say nothing of is uniform within its
-    bounds: a value that was not learned must not make a prediction look sure. Of a pair that was
-    not seen, other pairs of its materials may suggest something (`with_pair_prior`), unless
+    bounds (`ParameterPosterior`). A parameter without any information is uniform within its bounds:
+    a value that was not learned must not make a prediction look certain. A pair that was not
+    observed has a prior from other pairs of its materials (`with_pair_prior`), unless
     `unidentified` is below 1.
 
-    A pool of θ_s is drawn once; each call of `draw` takes some of them, which takes no longer where
-    θ_s has many parameters or tight correlations.
+    A pool of θ_s is drawn once; each call of `draw` takes some of it, so its cost does not depend
+    on the number of parameters and their correlations.
 
     Parameters
     ----------
     learned : θ_s and its uncertainty
-    scale : factor on the standard deviations of all that observations say something of; 0: that is
-        known exactly
-    unidentified : how far what nothing is known of may be from the value given, as a share of the
-        way to its bounds; 1: anywhere, 0: it is held. Of what little is known, the bounds come the
-        nearer the less that is: by the variance left, as a share of that of a uniform number.
-    contact : standard deviation, added to frictions and restitution of every pair, of what differs
+    scale : factor on the standard deviations of identified parameters; 0: they are known exactly
+    unidentified : largest distance of an unidentified parameter from its value, as a share of the
+        distance to its bounds; 1: anywhere, 0: it is held. With little information the share counts
+        in part, by the remaining variance relative to that of a uniform number.
+    contact : standard deviation, added to frictions and restitution of every pair, of differences
         from one contact to the next: unevenness, dust, spin that the model lacks. A sample has the
         same deviation at all its contacts.
     materials : that are drawn; default: those of `learned`
@@ -120,7 +119,7 @@ class UncertainParameters:
 
 
 def _narrowed_box(posterior: ParameterPosterior, share: float) -> NDArray[np.float64]:
-    """Return the ends (n, 2), widths, of what may be; see `unidentified`."""
+    """Return the ends (n, 2), widths, of the possible values; see `unidentified`."""
     mean = posterior.mean
     alike = ParameterPosterior(posterior.materials, mean, posterior.factor, posterior.bounds)
     left = np.minimum(alike.standard_deviations() ** 2 * UNIFORM_PRECISION, 1.0)

@@ -32,7 +32,7 @@ STORAGE_SUFFIXES = (".mcap", ".db3", ROS1_SUFFIX)
 """Endings of single files that are bags."""
 
 EXPECTED = f"a bag's folder or a file that ends in {', '.join(STORAGE_SUFFIXES)}"
-"""What a bag is, for messages."""
+"""Description of a bag, for errors."""
 
 
 @dataclass(frozen=True)

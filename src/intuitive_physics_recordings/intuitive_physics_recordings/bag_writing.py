@@ -1,4 +1,4 @@
-"""How this package writes bags: MCAP, compressed in chunks, with the quality of each topic."""
+"""Writers of bags: MCAP, compressed in chunks, with a quality of service for each topic."""
 
 from __future__ import annotations
 

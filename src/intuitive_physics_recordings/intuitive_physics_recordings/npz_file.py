@@ -18,7 +18,7 @@ HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
 }
-"""What reads the header of an array, by the version of its format."""
+"""Readers of the header of an array, by the version of its format."""
 
 Arrays = Mapping[str, NDArray]
 

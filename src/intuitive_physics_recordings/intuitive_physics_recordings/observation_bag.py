@@ -30,7 +30,7 @@ from intuitive_physics_recordings.bag_reader import BagReader
 from intuitive_physics_recordings.bag_writing import mcap_writer, offered_qos
 
 PACKAGE = "intuitive_physics_msgs/msg"
-"""Where the names of this suite's message types begin."""
+"""Beginning of the names of this suite's message types."""
 
 DEFINITIONS = Path(__file__).parent / "message_definitions"
 """Copies of the `.msg` files of the message package, which is not there without ROS."""
@@ -42,7 +42,7 @@ SUFFIX = ".mcap"
 """Ending of a file of observations."""
 
 TOPIC = "/intuitive_physics/observations"
-"""Where perception publishes observations, and the learner hears them."""
+"""Topic on which perception publishes observations and the learner subscribes to them."""
 
 QUEUE = 100
 """Observations kept for those who subscribe late."""

@@ -20,7 +20,7 @@ NANOSECONDS = 1e-9
 
 @dataclass(frozen=True)
 class ReplaySettings:
-    """How to play.
+    """Settings of a replay.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class Replay:
         return False
 
     def _play_latched_before_start(self) -> None:
-        """What was latched before the start offset is what a late subscriber would have got."""
+        """Publish the newest latched messages from before the start, for late subscribers."""
         latched = [t.name for t in self._bag.topics if t.latched and t.name in self._topics]
         if not latched or self._settings.start_offset == 0.0:
             return

@@ -35,7 +35,7 @@ UNPACKERS: dict[Callable[[bytes], bytes], Callable[[], Any]] = {
     decompressors[Compression.BZ2.value]: BZ2Decompressor,
     decompressors[Compression.LZ4.value]: LZ4FrameDecompressor,
 }
-"""What unpacks in pieces, by what unpacks all at once."""
+"""Decompressors that work piece by piece, by the function that does it at once."""
 
 PIECE = 16_000_000
 """Bytes that are unpacked at once. Our choice."""

@@ -1,1 +1,1 @@
-"""What all nodes share: message conversions, and the plumbing from start to clean shutdown."""
+"""Shared parts of all nodes: message conversions, and the way from start to clean shutdown."""

@@ -1,4 +1,4 @@
-"""Threads beside a node: long work of its callbacks, and how they are woken."""
+"""Threads beside a node for long work of its callbacks, and signals that wake callbacks."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 @dataclass(frozen=True)
 class RequestLimits:
-    """How long a request may take, and how many may wait. Our choices, which no honest user meets.
+    """Limits on the time of a request and on the number that wait. Our choices, never met in use.
 
     A node that declares a parameter of a field's name has its value.
     """
@@ -64,8 +64,8 @@ class _Request:
 class Background:
     """Does one piece of work after the other in a thread of its own.
 
-    Work that lasts longer than it may is cancelled: whoever awaits it gets its refusal at once, and
-    the work itself ends as soon as it looks at its flag.
+    Work that lasts too long is cancelled: the callback that awaits it gets the refusal at once, and
+    the work itself ends as soon as it checks its flag.
 
     Parameters
     ----------
@@ -96,9 +96,9 @@ class Background:
 
         Parameters
         ----------
-        work : looks at `stop`, or hands it to what it simulates with
+        work : checks `stop`, or passes it to its simulator
         time_limit : s from now on; default: `RequestLimits.request_time_limit`
-        remedy : what to do where it takes longer
+        remedy : advice for the user when it takes longer
 
         Raises
         ------

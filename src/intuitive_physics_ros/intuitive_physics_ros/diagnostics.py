@@ -19,7 +19,7 @@ PERIOD = 1.0
 
 
 class Level(Enum):
-    """How a node or a part of it does."""
+    """State of a node or of a part of it."""
 
     OK = DiagnosticStatus.OK
     WARN = DiagnosticStatus.WARN

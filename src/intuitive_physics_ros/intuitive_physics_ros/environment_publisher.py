@@ -1,4 +1,4 @@
-"""Publishes an environment, latched, and where its frame hangs in the tree of frames."""
+"""Publishes an environment, latched, and the place of its frame in the tree of frames."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class EnvironmentPublisher:
 
     @property
     def publishers(self) -> list[Publisher]:
-        """What it publishes with, for `farewell`."""
+        """Its publishers, for `farewell`."""
         return [each for each in (self._environments, self._transforms) if each is not None]
 
     def destroy(self) -> None:

@@ -1,4 +1,4 @@
-"""What an IMU feels, in the frame of another sensor."""
+"""Samples of an IMU, in the frame of another sensor."""
 
 from __future__ import annotations
 

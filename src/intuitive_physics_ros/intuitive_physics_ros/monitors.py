@@ -1,4 +1,4 @@
-"""Whether a node's inputs arrive and are good, and whether its work keeps up with its rate."""
+"""Monitors of a node: its inputs arrive and are valid, and its work keeps up with its rate."""
 
 from __future__ import annotations
 
@@ -118,8 +118,8 @@ class InputMonitor:
 
 @dataclass
 class _Counts:
-    """What happened since the last check: s from tick to done of each, ticks at which there was
-    nothing to do, and periods left out."""
+    """Counts since the last check: s from tick to done of each, ticks without work, and periods
+    left out."""
 
     seconds: list[float] = field(default_factory=list)
     idle: int = 0

@@ -1,4 +1,4 @@
-"""Node parameters that say what they are, and refuse what they cannot be."""
+"""Node parameters with a description, which refuse values out of range."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Parameter:
 
     @property
     def constraint(self) -> str:
-        """What the value must be, in words."""
+        """Constraint on the value, in words."""
         words = TYPE_WORDS[self.type]
         if self.choices:
             words += f", one of {', '.join(self.choices)}"
@@ -106,7 +106,7 @@ TYPE_WORDS = {
     RosParameter.Type.DOUBLE_ARRAY: "a list of numbers",
     RosParameter.Type.STRING_ARRAY: "a list of strings",
 }
-"""How each type of parameter is called in messages to users."""
+"""Words for each type of parameter in messages to users."""
 
 
 def setting_parameters(settings: type[Any], *, read_only: bool = True) -> list[Parameter]:

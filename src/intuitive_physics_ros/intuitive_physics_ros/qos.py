@@ -13,8 +13,8 @@ SENSOR_DATA = qos_profile_sensor_data
 newest few."""
 
 STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-"""What is published for each frame or tick: reliable, so that subscribers with the default quality
-of service receive it as well as those of best effort."""
+"""Topics with a message for each frame or tick: reliable, so that subscribers with the default
+quality of service receive them as well as those of best effort."""
 
 LATCHED = QoSProfile(
     depth=1,
@@ -31,4 +31,4 @@ OBSERVATIONS = QoSProfile(
 """Finished observations: a learner that starts late, or again, still gets the newest 50."""
 
 RELIABLE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
-"""What must not be lost while both ends live, such as finished observations."""
+"""Topics whose messages must not be lost while both ends live."""

@@ -1,4 +1,4 @@
-"""What the suite needs of rclpy and rclpy offers no public way to: all of it, and nothing else.
+"""All uses of private parts of rclpy in the suite, and nothing else.
 
 `test_rclpy_internals.py` fails with the name of what is gone when a release of rclpy changes it.
 """
@@ -19,7 +19,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 RCLError: type[Exception] = rclpy_implementation.RCLError
-"""What rcl raises, for instance when its arguments cannot be parsed."""
+"""Exception of rcl, for instance when its arguments cannot be parsed."""
 
 
 def parameter_overrides(node: Node) -> MutableMapping[str, Parameter]:

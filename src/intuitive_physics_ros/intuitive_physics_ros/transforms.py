@@ -1,4 +1,4 @@
-"""Where frames lie in one another, as /tf and /tf_static tell."""
+"""Transforms between frames, from /tf and /tf_static."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ POLL = 0.002
 
 
 class UnknownTransformError(IntuitivePhysicsError):
-    """tf does not tell where a frame lies in another one."""
+    """tf has no transform between two frames."""
 
 
 class Transforms:

@@ -1,4 +1,4 @@
-"""Exceptions that nobody expected: each kind is reported once, and the node lives."""
+"""Unexpected exceptions: each kind is reported once, and the node continues."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class UnexpectedErrors:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many there were of each kind."""
+        """Number of errors of each kind."""
         with self._lock:
             return dict(self._counts)
 

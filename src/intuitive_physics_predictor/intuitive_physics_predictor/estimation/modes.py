@@ -20,17 +20,17 @@ STEP_SHARE = 0.3
 motion is smooth at this scale but for contacts, which smaller steps would see as jumps."""
 
 FIRST_STEP = 0.05
-"""The same in standard deviations of the prior, while there is no posterior."""
+"""Size of that difference in standard deviations of the prior, while there is no posterior."""
 
 DAMPING = np.array([1.0, 0.5, 0.2, 0.05])
-"""Shares of a Gauss–Newton step that are tried side by side."""
+"""Shares of a Gauss–Newton step, simulated in one batch; the best one is taken."""
 
 ITERATIONS = 3
-"""Steps for each detection at most; the next one goes on …"""
+"""Largest number of steps for each detection; the next detection continues."""
 
 SETTLED = 0.1
-"""… and difference, in misfit, between what a step gained and what it would gain were the motion
-linear in the unknowns: below it the step has reached the minimum, and was the last."""
+"""Difference in misfit between the gain of a step and the gain if the motion were linear in the
+unknowns. Below it the step has reached the minimum and is the last."""
 
 LARGEST_RISE = 12.0
 """Misfit above the least by which an explanation is e⁻¹² times as likely: it is dropped."""

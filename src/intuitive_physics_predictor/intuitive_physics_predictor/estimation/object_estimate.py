@@ -1,4 +1,4 @@
-"""The states of spheres by everything seen of each since it began to move as simulated."""
+"""States of spheres, estimated from all detections since each began to move as simulated."""
 
 from __future__ import annotations
 
@@ -34,38 +34,38 @@ SAMPLES = 200
 """Samples of a posterior: many times those of a prediction."""
 
 EXPLORED = 64
-"""Spins, drawn from their prior, among which another explanation is looked for."""
+"""Spins, drawn from their prior, among which other explanations are searched."""
 
 MOST_STARTS = 2
-"""Other explanations that are followed, the best ones."""
+"""Number of other explanations that are followed, the best ones."""
 
 EXPLORATIONS = 8
-"""… for so many detections after the spin has begun to matter, and whenever the newest detections
-fit badly."""
+"""Number of detections, after the spin has begun to matter, with which other explanations are
+searched; later they are searched only where the newest detections fit badly."""
 
 MATTERS = 0.5
-"""Difference in misfit between spins from which on they matter."""
+"""Smallest difference in misfit between spins at which the spin matters."""
 
 DOUBTFUL_MISFIT = 15.0
-"""χ² of the newest detections from which on another explanation is looked for."""
+"""χ² of the newest detections above which other explanations are searched."""
 
 LONGEST = 1.0
-"""s after which a fit begins again from its own posterior, so that its time is bounded and small
-errors of the model are forgotten."""
+"""s after which a fit begins again from its own posterior: this bounds its computing time and
+forgets small errors of the model."""
 
 NEWEST = 4
-"""Detections whose misfit says whether the motion is still the simulated one …"""
+"""Number of newest detections whose misfit shows whether the motion is still the simulated one."""
 
 LARGEST_MISFIT = 40.0
-"""… and χ² of their 12 coordinates from which on it is not: of noise, 7 in 100,000 are larger."""
+"""χ² of their 12 coordinates above which it is not: noise exceeds it 7 times in 100,000."""
 
 RESTING_SPEED = 0.05
-"""m/s. What is slower moves too little to say more than perception has said."""
+"""m/s. A slower object moves too little for more than its perceived state."""
 
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """What the motion of an object is simulated with.
+    """Environment, parameters and simulator of an object's motion.
 
     Parameters
     ----------
@@ -113,15 +113,15 @@ class ObjectEstimate:
         detections: Detections | None,
         guess_scale: float = 1.0,
     ) -> None:
-        """Take what a frame shows; `states` are then those at its time.
+        """Take the detections of a frame; `states` are then those at its time.
 
         Parameters
         ----------
         surroundings : that the object moves in
         sphere : the object
         state : as perceived at `time`
-        time : s, later than before; else all is forgotten
-        detections : new ones, at most up to `time`; None: nothing is known of them
+        time : s; when it is not later than before, the estimate is forgotten
+        detections : new ones, at most up to `time`; None: there are none
         guess_scale : factor on the standard deviations of a spin that is a guess
         """
         if time <= self._time or detections is None or _rests(state):
@@ -147,7 +147,7 @@ class ObjectEstimate:
             self._go_on(surroundings, sphere, self.states, time)
 
     def renew(self, surroundings: Surroundings, sphere: SceneObject) -> None:
-        """Go on in other surroundings, or with other knowledge of them."""
+        """Continue in other surroundings, or with other parameters."""
         if self.states is not None:
             self._go_on(surroundings, sphere, self.states, self._time)
         else:
@@ -166,7 +166,7 @@ class ObjectEstimate:
         learned = surroundings.uncertain.learned
         unseen = state if detections.spin is None else _without(detections.spin, state)
         thrown = with_spin_prior(unseen, sphere, learned, surroundings.spin_prior, guess_scale)
-        # What has hit a ball in its motion turns it in another way than a throw does.
+        # A ball that was hit in its motion spins differently from a thrown one.
         first = unseen if self._fit is not None and _is_less_certain(unseen, thrown) else thrown
         unknowns = Unknowns.of_state(first, self._bias, parameters)
         guess = unknown_spin(sphere.shape, first) or 0.0
@@ -181,7 +181,7 @@ class ObjectEstimate:
         unknowns = Unknowns.of_moments(*states.moments, parameters)
         guess = states.unknowns.guessed_spin
         self._start(replace(unknowns, guessed_spin=guess), world, time, surroundings)
-        # What the surface showed until now is in the moments.
+        # The moments include what the surface showed until now.
         self._seen_before = time
 
     def _start(
@@ -204,7 +204,7 @@ class ObjectEstimate:
         self._modes = find_modes(fit, *self._starts(fit))
 
     def _starts(self, fit: TrajectoryFit) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where to look for modes, (m, n), and by what to take derivatives there, (m, n, n)."""
+        """Starts (m, n) of the search for modes, and the differences for derivatives (m, n, n)."""
         size = fit.unknowns.size
         if self._modes is None:
             centres, steps = np.zeros((1, size)), FIRST_STEP * np.eye(size)[None]
@@ -307,9 +307,9 @@ def _newest_misfit(modes: Modes) -> float:
 
 
 def _without(spin: SeenSpin, state: ObjectState) -> ObjectState:
-    """Return a state whose spin is the guess again that it was before its surface showed it.
+    """Return a state whose spin is the guess again, without the spin that the surface showed.
 
-    Its density is the product of the guess's and of what was seen, where they belong together.
+    The density of the perceived spin is the product of both, so the information is their sum.
     """
     spins = state.covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY]
     left = np.trace(np.linalg.inv(spins) - np.linalg.inv(spin.covariance))
@@ -330,7 +330,7 @@ def _is_less_certain(state: ObjectState, other: ObjectState) -> bool:
 
 
 def _rests(state: ObjectState) -> bool:
-    """Whether an object is at rest, as far as perception can tell."""
+    """Whether an object is at rest within the uncertainty of its perceived velocity."""
     return bool(np.linalg.norm(state.linear_velocity) < RESTING_SPEED) and bool(
         np.trace(state.covariance[LINEAR_VELOCITY, LINEAR_VELOCITY]) < RESTING_SPEED**2
     )

@@ -1,4 +1,4 @@
-"""What is known of the parameters that one sphere's motion among surfaces depends on."""
+"""Prior of the parameters on which one sphere's motion among surfaces depends."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ COEFFICIENTS = len(PAIR_COEFFICIENTS)
 """Coefficients of a pair of materials."""
 
 CONTACT_SCATTER = 0.005
-"""Width of the unit interval: standard deviation of a coefficient from one impact to the next,
-which θ_s does not have. Small beside what one throw says of it."""
+"""Standard deviation, on the unit interval, of a coefficient from one impact to the next, which θ_s
+does not have. It is small beside the information of one throw."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class PairKnowledge:
 
     @staticmethod
     def of(uncertain: UncertainParameters, world: WorldBatch) -> PairKnowledge:
-        """Return what is known of the one sphere of a world.
+        """Return the prior for the one sphere of a world.
 
         Parameters
         ----------
@@ -81,7 +81,7 @@ class PairKnowledge:
 
         Parameters
         ----------
-        world : whose other parameters all have
+        world : has all other parameters
         units : (count, p), clipped to the unit cube
         """
         count = len(units)

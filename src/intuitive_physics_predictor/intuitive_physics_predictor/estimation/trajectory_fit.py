@@ -1,4 +1,4 @@
-"""What was seen of one sphere, compared with simulations of its motion since a moment."""
+"""Detections and spins of one sphere, compared with simulations of its motion since a moment."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from intuitive_physics_predictor.estimation.unknowns import (
 )
 
 LOST = 1e3
-"""Standard deviations that a point counts as which could not be simulated."""
+"""Residual, in standard deviations, of a point that could not be simulated."""
 
 INSTANT = 2e-4
-"""s between the positions from which a velocity is taken, by a parabola through three, so exact but
-for rounding unless a contact lies between them; and between orientations, for the spin."""
+"""s between the positions of which a parabola gives the velocity, and between the orientations that
+give the spin: exact but for rounding, unless a contact lies between them."""
 
 CORRELATION = 2.3
 """Factor on the variances of detections. Their errors are not quite independent from frame to
@@ -34,7 +34,7 @@ that are stated."""
 
 @dataclass(frozen=True, eq=False)
 class FlightSpin:
-    """The spin that the surface showed in one flight.
+    """Spin that the surface showed in one flight.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class FlightSpin:
 
 
 class TrajectoryFit:
-    """The detections and spins seen since a moment, and how far simulations are from them.
+    """Detections and spins since a moment, and the residuals of simulations.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class TrajectoryFit:
         self._whitening = np.concatenate([self._whitening, whitening[None]])
 
     def see_spin(self, spin: SeenSpin, time: float) -> None:
-        """Take what the surface shows, in place of what it showed earlier in the same flight.
+        """Take a spin that the surface shows, in place of an earlier one of the same flight.
 
         Parameters
         ----------
@@ -111,7 +111,7 @@ class TrajectoryFit:
         self._spins.append(FlightSpin(spin.mean, whitening, max(middle, INSTANT), time))
 
     def residuals(self, standard: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what is simulated less what was seen, in standard deviations of the noise.
+        """Return simulated minus observed values, in standard deviations of the noise.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What a trajectory fit estimates, as a standard normal vector: initial state, offset and θ_s.
+"""Unknowns of a trajectory fit as a standard normal vector: initial state, offset and θ_s.
 
 The unknowns of one sphere are its position x, velocity v and spin ω at the beginning of the fit,
 the offset b that all its detections share, and the parameters u of its material against those of
@@ -17,7 +17,7 @@ from intuitive_physics.state import ANGULAR_VELOCITY, LINEAR_VELOCITY, POSITION,
 from intuitive_physics_predictor.estimation.pair_knowledge import PairKnowledge
 
 PLACE, VELOCITY, SPIN, OFFSET = (slice(first, first + 3) for first in (0, 3, 6, 9))
-"""Where position (m), velocity (m/s), spin (rad/s) and offset (m) stand among the unknowns."""
+"""Places of position (m), velocity (m/s), spin (rad/s) and offset (m) among the unknowns."""
 
 MOTION = slice(0, 9)
 """Position, velocity and spin."""
@@ -85,7 +85,7 @@ class Unknowns:
         rows = np.r_[POSITION, LINEAR_VELOCITY, ANGULAR_VELOCITY]
         covariance = np.zeros((KINEMATIC, KINEMATIC))
         covariance[MOTION, MOTION] = state.covariance[np.ix_(rows, rows)]
-        # What is seen may be less uncertain than what is shared: then all of it is.
+        # The perceived covariance may be smaller than the shared part: then all of it is shared.
         covariance[PLACE, PLACE] = _at_least(covariance[PLACE, PLACE], bias)
         covariance[OFFSET, OFFSET] = bias
         covariance[PLACE, OFFSET] = covariance[OFFSET, PLACE] = -bias

@@ -1,4 +1,4 @@
-"""What predicts live: the newest inputs, and all that is kept from one prediction to the next."""
+"""Live predictor: the newest inputs, and all that is kept from one prediction to the next."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Predictor:
     settings : how to predict
     seed : of the next prediction's noise, one more after each prediction
     inputs : default: none yet
-    calibration : what is known of how well it predicts; default: nothing yet
+    calibration : factors on uncertainties from earlier predictions; default: none yet
     """
 
     def __init__(
@@ -101,10 +101,10 @@ class Predictor:
                 pass
 
     def take_states(self, perceived: PerceivedStates) -> Iterator[None]:
-        """Take over newer states, object by object: each takes a good part of a tick's time.
+        """Take over newer states, object by object, as each takes a good part of a tick's time.
 
-        Until the last step predictions begin with the states before. What is left of those is done
-        first.
+        Until the last step, predictions begin with the earlier states. Steps that are left of those
+        are done first.
 
         Yields
         ------
@@ -220,7 +220,7 @@ class Predictor:
         return kept[2]
 
     def _compare(self, perceived: PerceivedStates) -> None:
-        """Compare what is detected now with what was predicted of now."""
+        """Compare the new detections with the predictions of their time."""
         if not perceived.detections:
             return
         for item, detections in zip(perceived.objects, perceived.detections, strict=True):
@@ -234,7 +234,7 @@ class Predictor:
         self.snapshot = replace(self.snapshot, factors=self.calibration.factors())
 
     def _estimated(self, perceived: PerceivedStates) -> Iterator[WeightedStates | None]:
-        """Yield what is estimated of each object from all that was seen so far."""
+        """Yield the estimate of each object from all its detections so far."""
         inputs, settings = replace(self.snapshot.inputs, states=perceived), self.snapshot.settings
         if not perceived.detections or not settings.options.estimate_states:
             return
@@ -283,6 +283,6 @@ class Predictor:
         return drawn.worlds
 
     def _forget(self) -> None:
-        """Drop what was made with other settings."""
+        """Drop all that was made with earlier settings."""
         self._uncertain = self._prepared = self._drawn = None
         self._surroundings = None

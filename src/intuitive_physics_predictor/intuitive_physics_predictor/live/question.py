@@ -44,7 +44,7 @@ class Event(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """How likely is an event, and when?
+    """Question for the probability and the time of an event.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""How well was predicted? Factors on the uncertainties, by what came of earlier predictions.
+"""Factors on the uncertainties, from the errors of earlier predictions.
 
 Each second a few predictions are kept. When an object is detected later, its position is compared
-with what those said of that instant, before anything was known of it (Dawid: Statistical theory:
-the prequential approach, 1984). For a factor s on the standard deviations, an error d from a mean
+with the predictions of that instant, which were made before it (Dawid: Statistical theory: the
+prequential approach, 1984). For a factor s on the standard deviations, an error d from a mean
 with covariance C, detected with covariance R, has the log density
 
     -½ log |S| - ½ (ν + 3) log(1 + dᵀ S⁻¹ d / (c ν)),    S = s² C + R,
@@ -35,10 +35,10 @@ FORMAT = "intuitive_physics/self_calibration/2"
 """Format and version that a file names."""
 
 GRID = np.linspace(np.log(0.2), np.log(5.0), 65)
-"""Logarithms of the factors that may be: none is below a fifth or above five."""
+"""Logarithms of the possible factors: none is below a fifth or above five."""
 
 PRIOR_DEVIATION = 0.35
-"""Standard deviation of the logarithm of a factor of which nothing is known yet."""
+"""Standard deviation of the logarithm of a factor before any comparison."""
 
 FREEDOM = 5.0
 """ν of Student's t."""
@@ -78,7 +78,7 @@ class Factor:
     ----------
     value : of the factor
     error : relative standard error
-    comparisons : independent ones that it rests on, those that are forgotten not among them
+    comparisons : number of independent ones, without those that are forgotten
     """
 
     value: float
@@ -123,10 +123,10 @@ class SelfCalibration:
         return {kind: self.factor(kind) for kind in KINDS}
 
     def applied_to(self, noise: StateNoise) -> StateNoise:
-        """Return noise whose standard deviations are those given, times the factors.
+        """Return noise with its standard deviations multiplied by the factors.
 
-        What was learned of guessed spins counts for the prior of these, from which estimates begin
-        too; the other factor for pose and velocity.
+        The factor of guessed spins is on their prior, from which estimates begin too; the other one
+        is on pose and velocity.
         """
         state, spin = (self.factor(kind).value for kind in KINDS)
         return replace(noise, scale=noise.scale * state, guess_scale=noise.guess_scale * spin)
@@ -175,7 +175,7 @@ class SelfCalibration:
         position: NDArray[np.float64],
         covariance: NDArray[np.float64],
     ) -> None:
-        """Compare a detection with what was predicted of its instant.
+        """Compare a detection with the predictions of its time.
 
         Parameters
         ----------
@@ -185,7 +185,7 @@ class SelfCalibration:
         covariance : (3, 3) m², of its error
         """
         since = time - self._detected.get(object_id, -np.inf)
-        # One seen so long ago counts as one never seen.
+        # An object detected earlier than that counts as new.
         recent = self._detected.items()
         self._detected = {each: at for each, at in recent if 0.0 <= time - at < INDEPENDENT_AFTER}
         self._detected[object_id] = time

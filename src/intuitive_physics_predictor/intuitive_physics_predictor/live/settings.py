@@ -33,7 +33,7 @@ from intuitive_physics_predictor.parameter_uncertainty import UncertainParameter
 
 @dataclass(frozen=True)
 class PredictionOptions:
-    """How to predict. Every field says its meaning, unit and range in its metadata."""
+    """Options of a prediction; the metadata of each field has its meaning, unit and range."""
 
     horizon: float = number(5.0, 0.01, 60.0, "s predicted ahead")
     time_step: float = number(0.01, 0.001, 1.0, "s between predicted points")
@@ -176,9 +176,9 @@ class PredictionSettings:
     def uncertain_parameters(
         self, learned: LearnedParameters | None, materials: tuple[str, ...]
     ) -> UncertainParameters:
-        """Return the distribution of θ_s of what was learned and of these materials.
+        """Return the distribution of θ_s for the learned materials and these.
 
-        A material without learned parameters may have any.
+        Parameters of a material that was not learned may have any value.
 
         Raises
         ------

@@ -1,19 +1,17 @@
 """Fit noise scales to the past: those whose predictions of it have the best energy score.
 
-The best scales of a short past are partly chance, so their logarithms are shrunk towards those of
-the start, which take what perception and learner publish as it is.
+Numbers fitted to few outcomes are partly chance, and the start, which takes the uncertainties of
+perception and learner as they are, is the better guess where the outcomes do not contradict it. So
+the logarithms are shrunk towards the start, by as much as chance alone would have moved them: k
+numbers, fitted δ away with the covariance C, keep the share 1 - k / (δᵀ C⁻¹ δ), or nothing (James,
+Stein: Estimation with quadratic loss, 1961; positive part).
 
-Numbers fitted to few outcomes are partly chance, and what was believed before is the better guess
-where the outcomes do not contradict it. So a fit is shrunk towards where it began, by as much as
-chance alone would have moved it: k numbers, found δ away with the covariance C, keep the share
-1 - k / (δᵀ C⁻¹ δ), or nothing (James, Stein: Estimation with quadratic loss, 1961; positive part).
-
-What chance does is read from how the gain in score differs from outcome to outcome. Near its best
+The effect of chance is taken from the differences in gain of score between outcomes. Near its best
 the mean score of n outcomes is a parabola with the Hessian H, and C = H⁻¹ G H⁻¹ / n, where G is the
 covariance of the single outcomes' slopes (Godambe: An optimum property of regular maximum
 likelihood estimation, 1960). The gain over the start is δᵀ H δ / 2 on average, and its standard
-error √(δᵀ G δ / n). Of one number, δᵀ C⁻¹ δ is so the square of twice the gain over its standard
-error; for several it is taken to be the same.
+error √(δᵀ G δ / n). So of one number, δᵀ C⁻¹ δ is the square of twice the gain over its standard
+error; for several the same is assumed.
 """
 
 from __future__ import annotations
@@ -56,7 +54,7 @@ PRECISION = 0.02
 
 @dataclass(frozen=True)
 class NoiseFit:
-    """What a fit found.
+    """Result of a fit.
 
     Parameters
     ----------
@@ -246,7 +244,7 @@ def _checked_start(start: NoiseScales, names: Sequence[str]) -> NDArray[np.float
 
 
 def share_beyond_chance(gains: ArrayLike, numbers: int) -> float:
-    """Share of the way from where a fit began to what it found that is to be gone.
+    """Return the share of the way from the start of a fit to its result that is to be kept.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What came of scenes that were predicted: the material that noise is fitted to and scored on."""
+"""Outcomes of predicted scenes, to which noise is fitted and on which it is scored."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from intuitive_physics_predictor.noisy_newton import predict
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A scene as it was perceived, and what came of it.
+    """A scene as it was perceived, and the later positions of its objects.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class Outcome:
             )
 
     def seen(self, samples: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
-        """Return what would be seen where objects are at `samples`.
+        """Return the detections of objects at `samples`: with errors, where positions have some.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ def noisy_prediction(
 def predict_outcomes(
     outcomes: Sequence[Outcome], prediction: Prediction, seed: int
 ) -> Iterator[NDArray[np.float64]]:
-    """Predict what would be seen: samples with errors as the positions seen have them.
+    """Predict the detections: samples with errors like those of the positions.
 
     Each outcome has random numbers of its own, the same ones whatever predicts it, so that the
     scores of two predictions differ less by chance. They are those of no other outcome, and of no

@@ -39,7 +39,7 @@ TYPE_NAME = re.compile(r"[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*")
 """Names of messages, as ROS allows them."""
 
 CLOCK_TOPIC = "/clock"
-"""Where ROS nodes that use simulated time look for it."""
+"""Topic of simulated time."""
 
 TRANSFORM_TOPICS = ("/tf", "/tf_static")
 """Topics that all robots of a graph share."""

@@ -17,7 +17,7 @@ from intuitive_physics_ros.result_codes import RefusedError
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 COMPILING = "compiling kernels, about a minute, once"
-"""What is said while kernels are compiled."""
+"""Message while kernels are compiled."""
 
 
 class KernelLoading:

@@ -39,10 +39,10 @@ from intuitive_physics_ros.rclpy_internals import RCLError, release
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 START_ERRORS = (IntuitivePhysicsError, NameValidationException, ParameterException, RCLError)
-"""What a user's mistake at start-up raises; anything else is a bug and shows its traceback."""
+"""Errors that a user's mistake at the start raises; any other is a bug and shows its traceback."""
 
 END_OF_SPINNING = (ConditionReachedException, ExternalShutdownException, ShutdownException)
-"""What an executor raises when it is to stop."""
+"""Exceptions that an executor raises when it is to stop."""
 
 STOP_LIMIT = 1.7
 """s from the first signal after which the process ends whatever it is doing. Nodes promise to end

@@ -183,17 +183,19 @@ class Predictor:
         return made
 
     def _predict(self, now: float, monotonic: float) -> LivePrediction:
+        """Take the steps of a tick, as docs/method/prediction.md has them."""
         inputs, settings = self.snapshot.inputs, self.snapshot.settings
-        _, seen = inputs.perceived()
-        check_fresh(seen, settings.options, now, monotonic)
+        _, states = inputs.perceived()
+        check_fresh(states, settings.options, now, monotonic)
         prepared = self._prepare()
-        start = max(now, seen.stamp) if settings.options.carry_forward else seen.stamp
+        samples = self._samples(prepared)
+        start = max(now, states.stamp) if settings.options.carry_forward else states.stamp
         distribution = settings.predict(
             prepared,
-            start - seen.stamp + settings.times,
+            start - states.stamp + settings.times,
             seed=self._seed,
             sample_count=settings.options.sample_count,
-            drawn=self._samples(prepared),
+            drawn=samples,
         )
         return LivePrediction(
             distribution=replace(distribution, times=settings.times),
@@ -201,7 +203,7 @@ class Predictor:
             learned=inputs.learned,
             settings=settings,
             start=start,
-            states_stamp=seen.stamp,
+            states_stamp=states.stamp,
             seed=self._seed,
             environment_version=inputs.environment_version,
         )

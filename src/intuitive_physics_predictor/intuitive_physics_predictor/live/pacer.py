@@ -153,6 +153,6 @@ class Pacer:
         if urgent:
             took = time.monotonic() - begun
             self._urgent_time = max(took, REMEMBERED * self._urgent_time)
-        else:
+        elif not self._stopping:
             self._rest()
         return urgent and done

@@ -6,14 +6,13 @@ import tempfile
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from intuitive_physics_msgs.msg import ObjectStates, TrajectoryDistribution
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 
-from benchmarks.command import report_progress
+from benchmarks.command import Outcome, report_progress
 from benchmarks.results.result import Cell, Column, Table
 from benchmarks.running_nodes import (
     LEARNER,
@@ -43,8 +42,8 @@ LAST = 0.5  # s after the last image in which its states and distribution arrive
 STATES, DISTRIBUTION = "states of objects", "distribution"
 
 
-def measure_end_to_end(quick: bool) -> tuple[dict[str, Any], list[Table]]:
-    """Return key figures and table of the time from an image's stamp to what it leads to."""
+def measure_end_to_end(quick: bool) -> Outcome:
+    """Measure the time from an image's stamp to the states and the distribution made from it."""
     report_progress("from image to distribution: three nodes as processes")
     throws = FIRST_THROWS + (QUICK_THROWS if quick else THROWS)
     with tempfile.TemporaryDirectory(prefix="bench-end-to-end-") as folder:
@@ -55,7 +54,7 @@ def measure_end_to_end(quick: bool) -> tuple[dict[str, Any], list[Table]]:
         raise RuntimeError("no image led to a distribution")
     p50, p99 = np.quantile(latencies[DISTRIBUTION], [0.5, 0.99])
     figures = {"p50": float(f"{p50:.4g}"), "p99": float(f"{p99:.4g}")}
-    return {"end_to_end_ms": figures}, [_table(latencies)]
+    return Outcome([_table(latencies)], {"end_to_end_ms": figures})
 
 
 def _measure(bag: Path, folder: Path, first: float) -> dict[str, NDArray[np.float64]]:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from time import thread_time
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.command import report_progress
+from benchmarks.command import Outcome, report_progress
+from benchmarks.perception.perceive import PerceptionRun, tracked_spheres
 from benchmarks.perception.scenes import first_bounce
 from benchmarks.results.result import Cell, Column, Table
-from intuitive_physics.shapes import Sphere
+from benchmarks.running_nodes import RATE
 from intuitive_physics_experiments.rendering.ball_surface import PATTERNS, BallSurface
 from intuitive_physics_experiments.rendering.color_camera import DepthColorCamera, RoomLight
 from intuitive_physics_experiments.rendering.corner_room import (
@@ -22,105 +22,78 @@ from intuitive_physics_experiments.rendering.corner_room import (
     true_parameters,
 )
 from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer
-from intuitive_physics_experiments.rendering.throws import Throw, make_throws
-from intuitive_physics_perception.pipeline import PerceptionPipeline
-from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_experiments.rendering.throws import make_throws
+from intuitive_physics_perception.frame_result import FrameResult
 from intuitive_physics_predictor.scores.highest_density import WITHIN_TWO_SIGMA
 
 SEED = 61  # of the throws, each of which has a generator of its own
 SPINS = (2.0, 10.0, 40.0)  # rad/s, standard deviations of each component of the spin
-# Throws of each pattern and spin of a full measurement and of a first look
-THROWS, QUICK_THROWS = 30, 6
-RATE = 30.0  # frames a second
+THROWS, QUICK_THROWS = 30, 6  # of each pattern and spin
 FLIGHT = 0.7  # s of a throw at most; its first flight is shorter as a rule
-# rad/s, geometric mean of the standard deviations below which a spin counts as known: half of what
-# is assumed of an unknown one
+# rad/s, geometric mean of the standard deviations below which a spin counts as known: half of the
+# deviation that is assumed of an unknown spin
 SURE = 5.0
 
 
-@dataclass
-class SpinErrors:
-    """What became of the spins of one pattern and of one standard deviation."""
+@dataclass(frozen=True, eq=False)
+class SpinError:
+    """The error (3,) rad/s of a perceived spin and its covariance (3, 3)."""
 
-    # rad/s, length of the error at the end of each flight whose spin was known
-    errors: list[float] = field(default_factory=list)
-    distances: list[float] = field(default_factory=list)  # squared, in variances, of the same
-    frames: list[int] = field(default_factory=list)  # of each flight, that showed the ball
-    # frames of these flights until the spin was known
-    first: list[int] = field(default_factory=list)
-    # of tracking and looking in each frame with a ball
-    seconds: list[float] = field(default_factory=list)
+    error: NDArray[np.float64]
+    covariance: NDArray[np.float64]
 
+    @property
+    def length(self) -> float:
+        """Length of the error in rad/s."""
+        return float(np.linalg.norm(self.error))
 
-class LookedAtRoom:
-    """The corner room, seen by a depth and colour camera, through all of perception."""
-
-    def __init__(self, rng: np.random.Generator, light: RoomLight) -> None:
-        self.camera = corner_camera()
-        renderer = DepthRenderer(self.camera, corner_environment())
-        self._images = DepthColorCamera(renderer, rng, light)
-        self.pipeline = PerceptionPipeline(
-            PerceptionSettings(), np.random.default_rng(0), clock=thread_time
-        )
-        self._frame = 0
-        while self.pipeline.model is None:
-            self._perceive(self._images.points(), None)
-
-    def _perceive(self, points: NDArray[np.float32], colors: NDArray[np.uint8] | None) -> Any:
-        self._frame += 1
-        return self.pipeline.process(points, self._frame / RATE, colors)
-
-    def first_flight(self, throw: Throw, surface: BallSurface, found: SpinErrors) -> None:
-        """Perceive a throw up to its first bounce and add what its surface showed to `found`."""
-        end = first_bounce(throw, corner_environment()) or FLIGHT
-        spin = throw.motion.angular_velocities[0] @ self.camera.rotation
-        known: NDArray[np.float64] | None = None
-        count, first, covariance = 0, 0, np.eye(3)
-        while count / RATE < end:
-            ball = throw.colored_at(throw.start_time + count / RATE, surface)
-            result = self._perceive(self._images.points([ball]), self._images.colors([ball]))
-            count += 1
-            found.seconds.append(result.diagnostics.seconds.get("tracking", 0.0))
-            states = [
-                seen.state for seen in result.objects if isinstance(seen.object.shape, Sphere)
-            ]
-            known = None
-            if states and result.model is not None:
-                covariance = states[-1].covariance[9:, 9:]
-                if np.linalg.det(covariance) ** (1.0 / 6.0) < SURE:
-                    known = states[-1].angular_velocity - result.model.rotation @ spin
-                    first = first or count
-        found.frames.append(count)
-        if known is None:
-            return
-        found.first.append(first)
-        found.errors.append(float(np.linalg.norm(known)))
-        found.distances.append(float(known @ np.linalg.solve(covariance, known)))
+    @property
+    def distance(self) -> float:
+        """Squared error in variances."""
+        return float(self.error @ np.linalg.solve(self.covariance, self.error))
 
 
-def measure_looks(quick: bool, seed: int = SEED) -> tuple[dict[str, Any], list[Table]]:
-    """Return key figures and table of spins by pattern and by how fast balls spin."""
-    count = QUICK_THROWS if quick else THROWS
-    found: dict[tuple[str, float], SpinErrors] = {}
+@dataclass(frozen=True)
+class Flight:
+    """The perceived spin in a flight up to the first bounce."""
+
+    frames: int  # that showed the ball
+    first: int  # number of the first frame in which the spin was known; 0: none
+    seconds: list[float]  # of tracking in each frame with a ball
+    error: SpinError | None  # at the end; None: the spin was unknown
+
+
+def measure_looks(quick: bool) -> Outcome:
+    """Measure spins by pattern and by how fast balls spin."""
+    flights: dict[tuple[str, float], list[Flight]] = {}
     for pattern in PATTERNS:
         for spin in SPINS:
             report_progress(f"spin of balls: {pattern}, {spin:g} rad/s")
-            found[pattern, spin] = SpinErrors()
-            for k in range(count):
-                key = [seed, PATTERNS.index(pattern), int(spin), k]
-                measure_throw(pattern, spin, np.random.default_rng(key), found[pattern, spin])
-    return {"spin_from_surface": _figures(found)}, [looks_table(found)]
+            flights[pattern, spin] = [
+                _fly(
+                    pattern,
+                    spin,
+                    np.random.default_rng([SEED, PATTERNS.index(pattern), int(spin), k]),
+                )
+                for k in range(QUICK_THROWS if quick else THROWS)
+            ]
+    return Outcome([_table(flights)], {"spin_from_surface": _figures(flights)})
 
 
-def measure_throw(pattern: str, spin: float, rng: np.random.Generator, found: SpinErrors) -> None:
-    """Throw one ball in light from a random direction and add what was seen to `found`."""
+def _fly(pattern: str, spin: float, rng: np.random.Generator) -> Flight:
+    """Throw one ball in light from a random direction, and perceive it up to its first bounce."""
     direction = rng.normal(size=3) + [-0.5, -0.5, 1.0]
     light = RoomLight((direction[0], direction[1], direction[2]), gloss=0.3 * float(rng.random()))
-    room = LookedAtRoom(rng, light)
+    camera, environment = corner_camera(), corner_environment()
+    images = DepthColorCamera(DepthRenderer(camera, environment), rng, light)
+    run, frame = PerceptionRun(), 0
+    while run.pipeline.model is None:
+        frame += 1
+        run.process(images.points(), frame / RATE)
     (throw,) = make_throws(
         1,
-        room.camera,
-        corner_environment(),
+        camera,
+        environment,
         true_parameters(),
         rng,
         first_start=0.0,
@@ -129,49 +102,73 @@ def measure_throw(pattern: str, spin: float, rng: np.random.Generator, found: Sp
         materials=["rubber"],
         spin=spin,
     )
-    room.first_flight(throw, BallSurface(pattern), found)
+    surface, end = BallSurface(pattern), first_bounce(throw, environment) or FLIGHT
+    true_spin = run.model.rotation @ (throw.motion.angular_velocities[0] @ camera.rotation)
+    count, first, seconds = 0, 0, []
+    error = None
+    while count / RATE < end:
+        ball = throw.colored_at(throw.start_time + count / RATE, surface)
+        count += 1
+        points, colors = images.points([ball]), images.colors([ball])
+        result = run.process(points, (frame + count) / RATE, colors)
+        seconds.append(result.diagnostics.seconds.get("tracking", 0.0))
+        error = _spin_error(result, true_spin)
+        if error is not None:
+            first = first or count
+    return Flight(count, first, seconds, error)
 
 
-def _figures(found: dict[tuple[str, float], SpinErrors]) -> dict[str, Any]:
-    return {
-        pattern: {
-            f"{spin:g}": {
-                "known": float(f"{len(own.errors) / max(len(own.frames), 1):.3g}"),
-                "error": _number(np.median(own.errors)) if own.errors else None,
-                "within_2_sigma": _number(np.mean(np.array(own.distances) < WITHIN_TWO_SIGMA))
-                if own.errors
-                else None,
-            }
-            for (name, spin), own in found.items()
-            if name == pattern
+def _spin_error(result: FrameResult, true_spin: NDArray[np.float64]) -> SpinError | None:
+    """Error of the spin of the ball in a frame from the true one (3,) rad/s; None: unknown."""
+    tracked = tracked_spheres(result)
+    if not tracked:
+        return None
+    state = tracked[-1].state
+    covariance = state.covariance[9:, 9:]
+    if np.linalg.det(covariance) ** (1.0 / 6.0) >= SURE:
+        return None
+    return SpinError(state.angular_velocity - true_spin, covariance)
+
+
+def _figures(flights: dict[tuple[str, float], list[Flight]]) -> dict[str, Any]:
+    figures: dict[str, Any] = {pattern: {} for pattern in PATTERNS}
+    for (pattern, spin), group in flights.items():
+        errors = [flight.error for flight in group if flight.error is not None]
+        figures[pattern][f"{spin:g}"] = {
+            "known": _rounded(len(errors) / max(len(group), 1)),
+            "error": _rounded(np.median([error.length for error in errors])) if errors else None,
+            "within_2_sigma": _rounded(_within(errors)) if errors else None,
         }
-        for pattern in PATTERNS
-    }
+    return figures
 
 
-def _number(value: Any) -> float:
+def _within(errors: Sequence[SpinError]) -> float:
+    """Part of the errors that are within two standard deviations."""
+    return float(np.mean([error.distance < WITHIN_TWO_SIGMA for error in errors]))
+
+
+def _rounded(value: Any) -> float:
     return float(f"{float(value):.3g}")
 
 
-def looks_table(found: dict[tuple[str, float], SpinErrors]) -> Table:
-    """Return errors by pattern and by standard deviation of the spins."""
+def _table(flights: dict[tuple[str, float], list[Flight]]) -> Table:
     rows: list[list[Cell]] = []
-    for (pattern, spin), own in found.items():
+    for (pattern, spin), group in flights.items():
+        errors = [flight.error for flight in group if flight.error is not None]
+        lengths = [error.length for error in errors]
         rows.append(
             [
                 pattern,
                 spin,
-                len(own.frames),
-                float(np.median(own.frames)),
-                len(own.errors),
-                _quantile(own.first, 0.5),
-                _quantile(own.errors, 0.5),
-                _quantile(own.errors, 0.9),
-                float(np.mean(own.distances)) / 3.0 if own.distances else None,
-                float(np.mean(np.array(own.distances) < WITHIN_TWO_SIGMA))
-                if own.distances
-                else None,
-                1e3 * float(np.mean(own.seconds)),
+                len(group),
+                float(np.median([flight.frames for flight in group])),
+                len(errors),
+                _quantile([flight.first for flight in group if flight.error], 0.5),
+                _quantile(lengths, 0.5),
+                _quantile(lengths, 0.9),
+                float(np.mean([error.distance for error in errors])) / 3.0 if errors else None,
+                _within(errors) if errors else None,
+                1e3 * float(np.mean([s for flight in group for s in flight.seconds])),
             ]
         )
     return Table(

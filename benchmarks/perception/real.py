@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,7 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.command import report_progress
+from benchmarks.command import Outcome, report_progress
+from benchmarks.perception.perceive import (
+    PerceptionRun,
+    detected_balls,
+    detected_spheres,
+    tracked_spheres,
+)
 from benchmarks.perception.real_scenes import (
     CLOSE_GAP,
     EDGE_FAULTS,
@@ -29,138 +34,96 @@ from benchmarks.perception.real_scenes import (
 from benchmarks.perception.score import Score
 from benchmarks.perception.truth import TrueBall
 from benchmarks.results.result import Cell, Column, Table
-from intuitive_physics.shapes import Sphere
 from intuitive_physics_experiments.rendering.depth_noise import DepthNoise
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.frame_result import FrameResult
-from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.scene import perceive_cloud
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SEED = 18  # of the balls and the noise; each scene has a generator of its own
-EMPTY_FRAMES = 60  # frames without a ball after those that the environment is modelled from
-# Placements of balls of each kind in a scene, and frames in a row that show each
-PLACEMENTS, FRAMES_EACH = 6, 5
-THROWS, FLIGHT_FRAMES = 3, 12  # throws through a scene, and frames of each at most
+EMPTY_FRAMES = 60  # without a ball after those that the environment is modelled from
+PLACEMENTS, FRAMES_EACH = 6, 5  # of balls of each kind in a scene, and frames in a row of each
+THROWS, FLIGHT_FRAMES = 3, 12  # through a scene, and frames of each at most
+STANDING_FRAMES = 10  # of a ball that was there when the environment was modelled
 # m of range from the sensor, for the normalised errors
 BANDS = {"below_1.2": (0.0, 1.2), "1.2_2": (1.2, 2.0), "beyond": (2.0, np.inf)}
 # Degrees by which the normal of a plausible support differs at most from the image's upward
 # direction: about the image's horizontal axis, and about the optical axis
 STEEPEST, MOST_ROLL = 65.0, 30.0
-
 # m, of the exercise ball in the LiDAR scans with the error of a fit to 8 mm of noise
 BALL_RADII_IN_SCANS = (0.24, 0.33)
-# Readings on the ball of a scan at least: a plain RANSAC finds 95 in the sparsest one
-FEWEST_ON_BALL = 80
+FEWEST_ON_BALL = 80  # readings on the ball of a scan: a plain RANSAC finds 95 in the sparsest one
 # How balls come into a known scene: thrown ones are free, too
 KINDS = ("free", "thrown", "close", "touching")
 STANDING = "standing"  # a free ball that was there when the environment was modelled
-STANDING_FRAMES = 10  # frames of it after that
-
-# Balls of one frame and the camera's faults there
-Placement = tuple[Sequence[PlacedBall], DepthNoise]
 
 
 @dataclass
-class RealFindings:
-    """What perception made of some scenes."""
+class Findings:
+    """The results of perception in one scene."""
 
-    scenes: int = 0  # how many
-    # objects with the shape of a sphere that were published, in frames without a ball
-    followed: int = 0
-    plausible: int = 0  # scenes whose support could be one
+    is_plausible: bool = False  # whether the support could be one
+    false_tracks: int = 0  # spheres that were published in frames without a ball
     empty: Score = field(default_factory=Score)  # detections in frames without a ball
-    # detections by kind of placement
+    # Detections by kind of placement
     balls: dict[str, Score] = field(default_factory=lambda: defaultdict(Score))
     # (eᵀ C⁻¹ e) / 3 of the centres found in single frames, by band of range
     nees: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
-    seconds: list[float] = field(default_factory=list)  # on the processor, of each frame
-
-    def recall(self, *kinds: str) -> float:
-        """Part of the balls of some kinds that was found, NaN where there were none."""
-        visible = sum(self.balls[kind].visible for kind in kinds)
-        return sum(self.balls[kind].found for kind in kinds) / visible if visible else float("nan")
-
-    def add(self, other: RealFindings) -> None:
-        """Take what was found in other scenes, too."""
-        self.scenes += other.scenes
-        self.followed += other.followed
-        self.plausible += other.plausible
-        self.seconds += other.seconds
-        for own, score in [(self.empty, other.empty)] + [
-            (self.balls[kind], score) for kind, score in other.balls.items()
-        ]:
-            own.frames += score.frames
-            own.visible += score.visible
-            own.found += score.found
-            own.false += score.false
-            own.hits += score.hits
-        for band, values in other.nees.items():
-            self.nees[band] += values
-
-    def figures(self) -> dict[str, Any]:
-        """Return the key figures, null where nothing was measured."""
-        return {
-            "false_followed_per_scene": _rounded(self.followed / self.scenes),
-            "false_per_1000_frames": _rounded(self.empty.false_positives_per_1000),
-            "recall_free": _rounded(self.recall("free", "thrown", STANDING)),
-            "recall_close": _rounded(self.recall("close")),
-            "recall_touching": _rounded(self.recall("touching")),
-            "support_plausible": _rounded(self.plausible / self.scenes),
-            "nees": {
-                band: _rounded(float(np.mean(self.nees[band])) if self.nees[band] else np.nan)
-                for band in BANDS
-            },
-        }
+    seconds: list[float] = field(default_factory=list)  # of the thread, of each frame
 
 
-def measure_real_scenes(folder: Path, quick: bool) -> tuple[dict[str, Any], list[Table]]:
-    """Return key figures and table of all scenes of a folder; nothing where there are none."""
+def measure_real(scenes: Path, clouds: Path, quick: bool) -> Outcome:
+    """Measure the scenes and the scans of two folders; nothing where there are none."""
+    parts = [_measure_scenes(scenes, quick), _measure_clouds(clouds)]
+    return Outcome(
+        [table for part in parts for table in part.tables],
+        {key: value for part in parts for key, value in part.key_figures.items()},
+    )
+
+
+def _measure_scenes(folder: Path, quick: bool) -> Outcome:
     scenes = load_scenes(folder)[:: 3 if quick else 1]
     if not scenes:
         report_progress(f"real scenes left out: {folder} has no scene (.npz)")
-        return {}, []
-    halves = {True: RealFindings(), False: RealFindings()}
+        return Outcome()
+    halves: dict[str, list[Findings]] = {"tuning": [], "held back": []}
     for k, scene in enumerate(scenes):
         report_progress(f"real scene {k + 1} of {len(scenes)}: {scene.name}")
-        halves[scene.tuning].add(perceive_scene(scene))
-    both = RealFindings()
-    for half in halves.values():
-        both.add(half)
-    named = {"all": both, "tuning": halves[True], "held back": halves[False]}
-    return {"real": both.figures()}, [scenes_table(named)]
+        halves["tuning" if scene.tuning else "held back"].append(_perceive_scene(scene))
+    both = [findings for half in halves.values() for findings in half]
+    return Outcome([_scenes_table({"all": both, **halves})], {"real": _figures(both)})
 
 
-def perceive_scene(scene: RealScene) -> RealFindings:
-    """Look at one scene without a ball and with balls of each kind."""
-    seed = int.from_bytes(scene.name.encode(), "big")
-    rng = np.random.default_rng([SEED, seed])
-    findings = RealFindings(scenes=1)
-    session = Session(scene, rng, findings.seconds)
-    findings.plausible = int(session.model is not None and _is_plausible(session.model))
-    followed = set()
+def _perceive_scene(scene: RealScene) -> Findings:
+    """Perceive one scene without a ball and with balls of each kind."""
+    rng = np.random.default_rng([SEED, int.from_bytes(scene.name.encode(), "big")])
+    session, findings = _Session(scene, rng), Findings()
+    findings.is_plausible = session.model is not None and _is_plausible(session.model)
+    false_tracks = set()
     for _ in range(EMPTY_FRAMES):
         result, _ = session.look()
-        findings.empty.add([(s.center, s.radius) for s in _spheres(result)], [])
-        followed |= {
-            seen.object.id for seen in result.objects if isinstance(seen.object.shape, Sphere)
-        }
-    findings.followed = len(followed)
+        findings.empty.add([(s.center, s.radius) for s in detected_spheres(result)], [])
+        false_tracks |= {item.object.id for item in tracked_spheres(result)}
+    findings.false_tracks = len(false_tracks)
     for kind in KINDS:
         for balls, noise in _placements(scene, kind, rng):
             _add_frame(*session.look(balls, noise), findings.balls[kind], findings.nees)
+    findings.seconds += session.run.seconds
     ball = place_ball(scene, FREE_GAP, rng)
     if ball is not None:
-        session = Session(scene, rng, findings.seconds, [ball])
+        session = _Session(scene, rng, [ball])
         for _ in range(STANDING_FRAMES):
             _add_frame(*session.look([ball]), findings.balls[STANDING], findings.nees)
+        findings.seconds += session.run.seconds
     return findings
 
 
-def _placements(scene: RealScene, kind: str, rng: np.random.Generator) -> list[Placement]:
-    """Balls by frame, the faults at edges at every second placement."""
-    frames: list[Placement] = []
+def _placements(
+    scene: RealScene, kind: str, rng: np.random.Generator
+) -> list[tuple[Sequence[PlacedBall], DepthNoise]]:
+    """Balls and faults of the camera by frame, faults at edges at every second placement."""
+    frames: list[tuple[Sequence[PlacedBall], DepthNoise]] = []
     for k in range(THROWS if kind == "thrown" else PLACEMENTS):
         noise = EDGE_FAULTS if k % 2 else NO_EDGE_FAULTS
         if kind == "thrown":
@@ -174,62 +137,41 @@ def _placements(scene: RealScene, kind: str, rng: np.random.Generator) -> list[P
     return frames
 
 
-class Session:
-    """Perception of one scene, whose environment it models at once."""
+class _Session:
+    """Perception of one scene, whose environment it models at once, maybe with balls in it."""
 
     def __init__(
-        self,
-        scene: RealScene,
-        rng: np.random.Generator,
-        seconds: list[float],
-        balls: Sequence[PlacedBall] = (),
+        self, scene: RealScene, rng: np.random.Generator, balls: Sequence[PlacedBall] = ()
     ) -> None:
-        settings = PerceptionSettings()
-        self._seconds = seconds
+        self.run = PerceptionRun()
         self._time = 0.0
         self._cameras = {
             noise: SceneCamera(scene, noise, rng) for noise in (NO_EDGE_FAULTS, EDGE_FAULTS)
         }
-        self._pipeline = PerceptionPipeline(settings, np.random.default_rng(0))
-        self.model: EnvironmentModel | None = None
-        for _ in range(settings.environment_frames):
+        for _ in range(self.run.settings.environment_frames):
             self.model = self.look(balls)[0].model
 
     def look(
         self, balls: Sequence[PlacedBall] = (), noise: DepthNoise = NO_EDGE_FAULTS
     ) -> tuple[FrameResult, list[TrueBall]]:
-        """Perceive the next frame; return what was found and what is there."""
+        """Perceive the next frame; return the result and the true balls."""
         points, truth = self._cameras[noise].read(balls)
         self._time += FRAME_TIME
-        start = time.thread_time()
-        result = self._pipeline.process(points, self._time)
-        if result.model is not None and not result.is_new_model:
-            self._seconds.append(time.thread_time() - start)
-        return result, truth
+        return self.run.process(points, self._time), truth
 
 
 def _add_frame(
-    result: FrameResult,
-    truth: list[TrueBall],
-    score: Score,
-    nees: dict[str, list[float]],
+    result: FrameResult, truth: list[TrueBall], score: Score, nees: dict[str, list[float]]
 ) -> None:
     """Score one frame with balls."""
-    if result.model is None:
-        score.add([], truth)
-        return
-    model, spheres = result.model, _spheres(result)
-    found = [(model.to_sensor(s.center), s.radius) for s in spheres]
-    for k, n in score.add(found, truth):
-        error = found[k][0] - truth[n].position
+    balls, spheres, model = detected_balls(result), detected_spheres(result), result.model
+    for k, n in score.add(balls, truth):
+        assert model is not None  # there is a ball
+        error = balls[k][0] - truth[n].position
         covariance = model.rotation.T @ spheres[k].covariance[:3, :3] @ model.rotation
         for band, (nearest, farthest) in BANDS.items():
             if nearest <= truth[n].distance < farthest:
                 nees[band].append(float(error @ np.linalg.solve(covariance, error)) / 3.0)
-
-
-def _spheres(result: FrameResult) -> list[DetectedSphere]:
-    return [found for found in result.detections if isinstance(found, DetectedSphere)]
 
 
 def _is_plausible(model: EnvironmentModel) -> bool:
@@ -240,59 +182,59 @@ def _is_plausible(model: EnvironmentModel) -> bool:
     return bool(roll <= MOST_ROLL and pitch <= STEEPEST)
 
 
-def measure_clouds(folder: Path) -> tuple[dict[str, Any], list[Table]]:
-    """Return key figures and table of the LiDAR scans of a folder, each of which shows one ball."""
-    paths = sorted(folder.glob("lidar_ball_*.npz"))
-    if not paths:
-        report_progress(f"LiDAR scans left out: {folder} has no lidar_ball_*.npz")
-        return {}, []
-    rows: list[list[Cell]] = []
-    found = false = 0
-    for path in paths:
-        report_progress(f"LiDAR scan {path.stem}")
-        with np.load(path) as data:
-            points = np.asarray(data["xyz"], dtype=np.float64)
-        environment, spheres = perceive_cloud(
-            points, PerceptionSettings(), np.random.default_rng(0)
-        )
-        balls = [s for s in spheres if _is_ball_of_scan(s)]
-        found += bool(balls)
-        false += len(spheres) - bool(balls)
-        radius = f"{balls[0].radius:.3f}" if balls else "none"
-        rows.append([path.stem, radius, len(spheres) - bool(balls), len(environment.planes)])
-    table = Table(
-        title="LiDAR scans with one ball",
-        columns=[Column("scan"), Column("radius found", "m"), Column("false"), Column("planes")],
-        rows=rows,
-    )
-    return {"lidar_found": f"{found} of {len(paths)}", "lidar_false": false}, [table]
+def _figures(scenes: Sequence[Findings]) -> dict[str, Any]:
+    """Return the key figures of some scenes, null where nothing was measured."""
+    nees = {band: [value for scene in scenes for value in scene.nees[band]] for band in BANDS}
+    return {
+        "false_followed_per_scene": _mean([scene.false_tracks for scene in scenes]),
+        "false_per_1000_frames": _false_per_1000([scene.empty for scene in scenes]),
+        "recall_free": _recall(scenes, "free", "thrown", STANDING),
+        "recall_close": _recall(scenes, "close"),
+        "recall_touching": _recall(scenes, "touching"),
+        "support_plausible": _mean([scene.is_plausible for scene in scenes]),
+        "nees": {band: _mean(values) for band, values in nees.items()},
+    }
 
 
-def _is_ball_of_scan(sphere: DetectedSphere) -> bool:
-    """Whether a sphere has the size of the scans' ball and enough readings."""
-    least, most = BALL_RADII_IN_SCANS
-    return least <= sphere.radius <= most and sphere.points >= FEWEST_ON_BALL
+def _recall(scenes: Sequence[Findings], *kinds: str) -> float | None:
+    """Part of the balls of some kinds that was found."""
+    scores = [scene.balls[kind] for scene in scenes for kind in kinds]
+    visible = sum(score.visible for score in scores)
+    return _rounded(sum(score.found for score in scores) / visible) if visible else None
 
 
-def scenes_table(named: dict[str, RealFindings]) -> Table:
+def _false_per_1000(scores: Sequence[Score]) -> float | None:
+    frames = max(sum(score.frames for score in scores), 1)
+    return _rounded(1000.0 * sum(score.false for score in scores) / frames)
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return _rounded(float(np.mean(values))) if values else None
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+def _scenes_table(named: dict[str, list[Findings]]) -> Table:
     """Return the figures of all scenes, of those to tune on and of those held back."""
     rows: list[list[Cell]] = []
-    for name, findings in named.items():
-        if not findings.scenes:
+    for name, scenes in named.items():
+        if not scenes:
             continue
-        figures = findings.figures()
-        nees = [figures["nees"][band] for band in BANDS]
-        with_balls = [findings.balls[kind] for kind in (*KINDS, STANDING)]
-        frames = sum(score.frames for score in with_balls)
+        figures = _figures(scenes)
+        nees = figures.pop("nees")
+        with_balls = [scene.balls[kind] for scene in scenes for kind in (*KINDS, STANDING)]
+        seconds = [value for scene in scenes for value in scene.seconds]
         rows.append(
             [
                 name,
-                findings.scenes,
-                *(value for key, value in figures.items() if key != "nees"),
-                *nees,
-                *(_rounded(findings.recall(kind)) for kind in ("thrown", STANDING)),
-                _rounded(1000.0 * sum(s.false for s in with_balls) / max(frames, 1)),
-                _rounded(1e3 * float(np.median(findings.seconds))),
+                len(scenes),
+                *figures.values(),
+                *nees.values(),
+                *(_recall(scenes, kind) for kind in ("thrown", STANDING)),
+                _false_per_1000(with_balls),
+                _rounded(1e3 * float(np.median(seconds))),
             ]
         )
     return Table(
@@ -322,5 +264,36 @@ def scenes_table(named: dict[str, RealFindings]) -> Table:
     )
 
 
-def _rounded(value: float) -> float | None:
-    return float(f"{value:.4g}") if np.isfinite(value) else None
+def _measure_clouds(folder: Path) -> Outcome:
+    """Measure the LiDAR scans of a folder, each of which shows one ball."""
+    paths = sorted(folder.glob("lidar_ball_*.npz"))
+    if not paths:
+        report_progress(f"LiDAR scans left out: {folder} has no lidar_ball_*.npz")
+        return Outcome()
+    rows: list[list[Cell]] = []
+    hits = false = 0
+    for path in paths:
+        report_progress(f"LiDAR scan {path.stem}")
+        with np.load(path) as data:
+            points = np.asarray(data["xyz"], dtype=np.float64)
+        environment, spheres = perceive_cloud(
+            points, PerceptionSettings(), np.random.default_rng(0)
+        )
+        balls = [sphere for sphere in spheres if _is_ball_of_scan(sphere)]
+        others = len(spheres) - bool(balls)
+        hits += bool(balls)
+        false += others
+        radius = f"{balls[0].radius:.3f}" if balls else "none"
+        rows.append([path.stem, radius, others, len(environment.planes)])
+    table = Table(
+        title="LiDAR scans with one ball",
+        columns=[Column("scan"), Column("radius found", "m"), Column("false"), Column("planes")],
+        rows=rows,
+    )
+    return Outcome([table], {"lidar_found": f"{hits} of {len(paths)}", "lidar_false": false})
+
+
+def _is_ball_of_scan(sphere: DetectedSphere) -> bool:
+    """Whether a sphere has the size of the scans' ball and enough readings."""
+    least, most = BALL_RADII_IN_SCANS
+    return least <= sphere.radius <= most and sphere.points >= FEWEST_ON_BALL

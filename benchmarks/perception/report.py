@@ -1,13 +1,15 @@
-"""Turns what perception found into tables, and into the key figures that machines read."""
+"""Findings of perception on rendered bags, their tables and their key figures."""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from benchmarks.perception.run import Findings, Timing
-from benchmarks.perception.score import ENOUGH_PIXELS, NEAR, Hit, Score, rms
+from benchmarks.perception.score import ENOUGH_PIXELS, NEAR, Ball, Hit, Score, rms
+from benchmarks.perception.truth import TrueBall
 from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics_experiments.rendering.corner_room import BALL_RADII
 
@@ -23,13 +25,58 @@ BARS = {
 }
 
 
+@dataclass
+class Findings:
+    """Errors and times of our perception over all bags."""
+
+    detections: Score = field(default_factory=Score)  # spheres of each frame alone
+    states: Score = field(default_factory=Score)  # filtered, with the mean radius so far
+    smoothed: list[float] = field(default_factory=list)  # m, of trajectories of observations
+    # m/s, of the last states before the first bounce
+    first_velocities: list[float] = field(default_factory=list)
+    gravity: list[float] = field(default_factory=list)  # degrees, of each bag
+    plane_angles: list[float] = field(default_factory=list)  # degrees, of each true plane found
+    plane_offsets: list[float] = field(default_factory=list)  # m, of the same
+    planes_missing: int = 0
+    planes_false: int = 0
+    # s of frames in a known environment: of the thread, by stage and from message to states; the
+    # wall time from message to states; and of the thread for the observations of an episode
+    stages: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
+    total: list[float] = field(default_factory=list)
+    wall: list[float] = field(default_factory=list)
+    closing: list[float] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Scores and times of each method on the frames that all got, by its name."""
+
+    scores: dict[str, Score] = field(default_factory=lambda: defaultdict(Score))
+    milliseconds: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
+    how: dict[str, str] = field(default_factory=dict)
+
+    def add(
+        self,
+        name: str,
+        balls: Sequence[Ball],
+        seconds: float,
+        truth: Sequence[TrueBall],
+        how: str = "",
+    ) -> None:
+        """Add the balls that a method found in a frame."""
+        self.scores[name].add(balls, truth)
+        self.milliseconds[name].append(1e3 * seconds)
+        if how:
+            self.how[name] = how
+
+
 def key_figures(findings: Findings, peer_ms: Sequence[float]) -> dict[str, float]:
-    """Return what the last line says."""
+    """Return the key figures; `peer_ms` (ms) are times of Open3D and pyRANSAC-3D."""
     hits = findings.states.near_hits()
-    p50 = 1e3 * float(np.median(findings.timing.total))
+    p50 = 1e3 * float(np.median(findings.total))
     return {
         "frame_ms_p50": p50,
-        "frame_ms_p99": 1e3 * float(np.quantile(findings.timing.total, 0.99)),
+        "frame_ms_p99": 1e3 * float(np.quantile(findings.total, 0.99)),
         "position_rmse_mm": 1e3 * rms(hit.position_error for hit in hits),
         "radius_rmse_mm": 1e3 * rms(hit.radius_error for hit in hits),
         "gravity_error_deg": max(findings.gravity),
@@ -89,13 +136,13 @@ def accuracy_table(findings: Findings) -> Table:
     )
 
 
-def timing_table(timing: Timing) -> Table:
+def timing_table(findings: Findings) -> Table:
     """Return the time of frames by stage."""
-    rows = [_timing_row(stage, seconds) for stage, seconds in timing.stages.items()]
-    rows.append(_timing_row("message to states", timing.total))
-    rows.append(_timing_row("… by the clock on the wall", timing.wall))
-    if timing.closing:
-        rows.append(_timing_row("after an episode: its observations", timing.closing))
+    rows = [_timing_row(stage, seconds) for stage, seconds in findings.stages.items()]
+    rows.append(_timing_row("message to states", findings.total))
+    rows.append(_timing_row("… by the clock on the wall", findings.wall))
+    if findings.closing:
+        rows.append(_timing_row("after an episode: its observations", findings.closing))
     return Table(
         title="Time of a 640 × 480 frame",
         note="Milliseconds of the one thread that does the work.",
@@ -109,9 +156,7 @@ def timing_table(timing: Timing) -> Table:
     )
 
 
-def peers_table(
-    scores: Mapping[str, Score], milliseconds: Mapping[str, Sequence[float]], how: Sequence[str]
-) -> Table:
+def peers_table(comparison: Comparison) -> Table:
     """Return how ours and others did on the same frames."""
     return Table(
         title="Others on the same frames",
@@ -127,14 +172,14 @@ def peers_table(
         rows=[
             [
                 name,
-                float(np.median(milliseconds[name])),
+                float(np.median(comparison.milliseconds[name])),
                 *_errors(score.near_hits()),
                 score.recall,
                 f"{score.false} in {score.frames} frames",
             ]
-            for name, score in scores.items()
+            for name, score in comparison.scores.items()
         ],
-        remarks=how,
+        remarks=[f"{name}: {how}" for name, how in comparison.how.items()],
     )
 
 

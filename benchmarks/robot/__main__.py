@@ -99,16 +99,16 @@ def run(options: argparse.Namespace) -> Outcome:
         respawns = {node: _respawn(place, node) for node in (PERCEPTION, PREDICTOR)}
         rates = _two_robots(place)
         connected = _connects_bare(place)
-    end_to_end, tables = measure_end_to_end(quick=True)
+    end_to_end = measure_end_to_end(quick=True)
     figures = {
         "bringup_s": round(max(bringup for bringup, _ in starts), 2),
         "respawn_to_predicting_s": round(max(respawns.values()), 2),
         "ctrl_c_s": round(max(stop for _, stop in starts), 2),
         "two_robots_hz": [round(rate, 1) for rate in rates],
         "graph_connected_bare": connected,
-        **end_to_end,
+        **end_to_end.key_figures,
     }
-    return judged([_table(starts, respawns), *tables], figures)
+    return judged([_table(starts, respawns), *end_to_end.tables], figures)
 
 
 def judged(tables: Sequence[Table], figures: Mapping[str, Any]) -> Outcome:

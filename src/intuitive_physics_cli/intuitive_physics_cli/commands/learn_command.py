@@ -21,6 +21,7 @@ from intuitive_physics_cli.commands.observation_source import (
     read_observations,
     warn_of_unreadable,
 )
+from intuitive_physics_cli.terminal import ProgressBar
 
 
 def add_to(commands: Any) -> None:
@@ -65,7 +66,6 @@ def run(options: argparse.Namespace) -> None:
     """Learn, print and save."""
     from intuitive_physics.simulation import make_simulator
     from intuitive_physics_cli.parameter_table import parameter_table
-    from intuitive_physics_cli.terminal import ProgressBar
     from intuitive_physics_learner.cost.cluster import CostMaker
     from intuitive_physics_recordings.parameter_files import check_suffix, save_parameters
 

@@ -8,9 +8,12 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.scene import Environment
 from intuitive_physics_cli.commands.observation_source import add_seed, checked_seed
+from intuitive_physics_cli.terminal import ProgressBar, format_table
 
 Z_UP = (0.0, 0.0, 1.0)
 """Up in the frame of a sensor that is not a camera's optical frame (REP 103)."""
@@ -89,9 +92,6 @@ def _settings(options: argparse.Namespace, up: Sequence[float] | None) -> Any:
 
 
 def _perceive_cloud(options: argparse.Namespace) -> None:
-    import numpy as np
-
-    from intuitive_physics_cli.terminal import format_table
     from intuitive_physics_recordings.npz_file import load_cloud
 
     if options.rerun:
@@ -117,8 +117,6 @@ def _perceive_cloud(options: argparse.Namespace) -> None:
 
 
 def _environment_and_spheres(points: Any, options: argparse.Namespace) -> tuple[Any, Any]:
-    import numpy as np
-
     from intuitive_physics_perception.environment.environment_model import NoEnvironmentError
     from intuitive_physics_perception.scene import perceive_cloud
 
@@ -137,10 +135,7 @@ def _environment_and_spheres(points: Any, options: argparse.Namespace) -> tuple[
 
 
 def _perceive_bag(options: argparse.Namespace) -> None:
-    import numpy as np
-
     from intuitive_physics_cli.evaluation.recording_perception import perceive_recording
-    from intuitive_physics_cli.terminal import ProgressBar
 
     with ExitStack() as stack:
         bar = stack.enter_context(ProgressBar("perceiving"))
@@ -180,8 +175,6 @@ def _rerun_hook(path: Path | None, stack: ExitStack) -> dict[str, Any]:
 
 
 def _print_environment(environment: Environment) -> None:
-    from intuitive_physics_cli.terminal import format_table
-
     print(f"planes: {len(environment.planes)}, in a frame with z up on the first of them")
     rows = [[p.id, _vector(p.normal), f"{p.offset:.3f}"] for p in environment.planes]
     print(format_table(["plane", "normal", "offset (m)"], rows))
@@ -189,10 +182,6 @@ def _print_environment(environment: Environment) -> None:
 
 
 def _print_observations(observations: Any) -> None:
-    import numpy as np
-
-    from intuitive_physics_cli.terminal import format_table
-
     print(f"\nobservations: {len(observations)}")
     if not observations:
         return

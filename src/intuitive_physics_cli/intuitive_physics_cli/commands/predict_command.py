@@ -6,7 +6,11 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from intuitive_physics.observation import load_observation
 from intuitive_physics_cli.commands.observation_source import add_seed, checked_seed
+from intuitive_physics_cli.terminal import format_table
 
 
 def add_to(commands: Any) -> None:
@@ -38,11 +42,7 @@ def add_to(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Predict and print a table over time."""
-    import numpy as np
-
-    from intuitive_physics.observation import load_observation
     from intuitive_physics.simulation.contact_noise import ContactNoise
-    from intuitive_physics_cli.terminal import format_table
     from intuitive_physics_predictor.noisy_newton import predict
 
     seed = checked_seed(options)

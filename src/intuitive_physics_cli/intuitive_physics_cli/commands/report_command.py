@@ -14,6 +14,7 @@ from intuitive_physics_cli.commands.observation_source import (
     progress_to,
     read_observations,
 )
+from intuitive_physics_cli.terminal import ProgressBar
 
 PAUSE = 0.5
 """s between two predictions of a recording."""
@@ -55,7 +56,6 @@ def run(options: argparse.Namespace) -> None:
         make_learning_report,
         write_learning_report,
     )
-    from intuitive_physics_cli.terminal import ProgressBar
 
     how = learning_options(options)
     title, observations = read_observations(options.path)

@@ -7,7 +7,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.observation import load_observation
 from intuitive_physics_cli.commands.observation_source import (
     ENGINE,
     add_database,
@@ -15,6 +18,7 @@ from intuitive_physics_cli.commands.observation_source import (
     checked_seed,
     open_database,
 )
+from intuitive_physics_cli.terminal import format_table
 
 RANGES = {
     "position": ("position", "m"),
@@ -80,8 +84,6 @@ def add_to(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Judge throws and print the best."""
-    import numpy as np
-
     from intuitive_physics.simulation import make_simulator
     from intuitive_physics_learner.design import SuggestionRequest, suggest_from_store
 
@@ -114,7 +116,6 @@ def run(options: argparse.Namespace) -> None:
 
 def _query(options: argparse.Namespace) -> Any:
     """Return the query that is asked for; None when parameters are."""
-    from intuitive_physics.observation import load_observation
     from intuitive_physics.regions import BallRegion
     from intuitive_physics_learner.design import AboutMotion
 
@@ -129,8 +130,6 @@ def _query(options: argparse.Namespace) -> Any:
 
 def _throws_table(suggestions: Any) -> str:
     """Return a row for each object of each throw."""
-    from intuitive_physics_cli.terminal import format_table
-
     rows = []
     for number, each in enumerate(suggestions, 1):
         for member, state in zip(each.throw.cast, each.throw.states, strict=True):
@@ -149,8 +148,6 @@ def _throws_table(suggestions: Any) -> str:
 
 def _asked_table(suggestions: Any) -> str:
     """Return how well each thing asked about is known now and would be after each throw."""
-    from intuitive_physics_cli.terminal import format_table
-
     header = ["± σ of", "now", *(f"after {k}." for k in range(1, len(suggestions) + 1))]
     before = suggestions[0].before
     rows = [

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.materials import StaticParameters
@@ -210,27 +211,22 @@ def motion_between(positions, orientations, gap: float) -> Motion:
 
 def quaternion_product(a, b) -> np.ndarray:
     """Rotation b, then a, both (x, y, z, w)."""
-    v, w = np.asarray(a)[:3], a[3]
-    u, s = np.asarray(b)[:3], b[3]
-    return np.append(w * u + s * v + np.cross(v, u), w * s - v @ u)
+    return (Rotation.from_quat(a) * Rotation.from_quat(b)).as_quat()
 
 
 def inverse(q) -> np.ndarray:
     """The rotation back."""
-    return np.array([-q[0], -q[1], -q[2], q[3]])
+    return Rotation.from_quat(q).inv().as_quat()
 
 
 def quaternion(rotation) -> np.ndarray:
     """Quaternion (x, y, z, w) of a rotation vector (3,) in rad."""
-    angle = np.linalg.norm(rotation)
-    return np.append(0.5 * np.sinc(angle / (2 * np.pi)) * np.asarray(rotation), np.cos(angle / 2))
+    return Rotation.from_rotvec(rotation).as_quat()
 
 
 def rotation_vector(q) -> np.ndarray:
     """Rotation vector (3,) in rad of a quaternion (x, y, z, w), its angle at most π."""
-    q = np.asarray(q) * (1.0 if q[3] >= 0 else -1.0)
-    half = np.linalg.norm(q[:3])
-    return 2 * q[:3] if half < 1e-12 else 2 * np.arctan2(half, q[3]) / half * q[:3]
+    return Rotation.from_quat(q).as_rotvec()
 
 
 def random_quaternion(rng: np.random.Generator) -> np.ndarray:

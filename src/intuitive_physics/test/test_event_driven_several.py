@@ -7,18 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
+from intuitive_physics.scene import Environment, Scene
 from intuitive_physics.shapes import Sphere
-from intuitive_physics.simulation import WorldStatus, pack_worlds
+from intuitive_physics.simulation import WorldStatus
 from intuitive_physics.simulation.event_driven import EventDrivenSimulator
-from intuitive_physics.state import ObjectState
 
 from .laws_scenes import EVENT_DRIVEN, Body, coefficients, first_motion, make_scene
 
 G = 9.81
 R = 0.05
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
-ROOM = [(0, 0, 1, 0), (1, 0, 0, -1), (-1, 0, 0, -1), (0, 1, 0, -1), (0, -1, 0, -1)]
 
 
 @given(
@@ -109,49 +107,12 @@ def test_pile_of_balls_comes_to_rest_without_overlap(world, seed):
     assert ends[:, 2].min() > R - 1e-6
 
 
-def random_scenes(seed, count):
-    rng = np.random.default_rng(seed)
-    floor = Environment([Plane(f"p{k}", "floor", p[:3], p[3]) for k, p in enumerate(ROOM)])
-    scenes = []
-    for _ in range(count):
-        n = rng.integers(1, 4)
-        objects = [SceneObject(f"b{k}", "ball", Sphere(rng.uniform(0.03, 0.1))) for k in range(n)]
-        states = [
-            ObjectState(
-                (-0.6 + 0.5 * k, rng.uniform(-0.5, 0.5), rng.uniform(0.15, 0.8)),
-                UPRIGHT,
-                rng.normal(size=3) * 2,
-                rng.normal(size=3) * 10,
-            )
-            for k in range(n)
-        ]
-        scenes.append(Scene(floor, tuple(objects), tuple(states)))
-    return scenes
-
-
-def test_crossed_and_repeated_batches(world):
-    scenes = random_scenes(4, 3)
-    thetas = [world.parameters(e=e) for e in (0.2, 0.8)]
-    times = [0.5, 1.0]
-    crossed = world.simulator.rollout_batch(pack_worlds(scenes, thetas[0]).crossed(thetas), times)
-    for c, theta in enumerate(thetas):
-        alone = world.simulator.rollout(scenes, theta, times)
-        np.testing.assert_array_equal(crossed.positions[3 * c : 3 * c + 3], alone.positions)
-    one = pack_worlds(scenes[:1], thetas[0])
-    states = np.repeat(one.states, 2, axis=0)
-    states[1, :, 2] += 0.1
-    repeated = world.simulator.rollout_batch(one.repeated(states), times)
-    first = world.simulator.rollout(scenes[:1], thetas[0], times)
-    np.testing.assert_array_equal(repeated.positions[0], first.positions[0])
-    assert (repeated.positions[1] != first.positions[0]).any()
-
-
 def test_event_cap_is_reported(world):
     # e = 1 between two walls a hair apart: without a cap this would take 1e7 events.
     walls = [(1, 0, 0, 0), (-1, 0, 0, -2 * R - 1e-6)]
     scene = world.scene((R, (R + 5e-7, 0, 0), UPRIGHT, (1.0, 0, 0)), planes=walls)
     rollout = EventDrivenSimulator(max_events=1000).rollout(
-        [scene, *random_scenes(6, 1)], world.parameters(e=1.0), [0.0, 10.0]
+        [scene, world.scene((R, (0, 0, 1)))], world.parameters(e=1.0), [0.0, 10.0]
     )
     assert rollout.status[0] == WorldStatus.TOO_MANY_EVENTS
     assert np.isnan(rollout.positions[0, 0, 1]).all()

@@ -148,6 +148,23 @@ def test_each_world_may_have_its_own_parameters_and_times(engine):
         assert np.isnan(batch.positions[k, :, wanted.size :]).all()
 
 
+@engines(EVENT_DRIVEN, STEPPED)
+def test_crossed_and_repeated_batches(engine):
+    scenes, times = scenes_for(engine, 3), [0.5, 1.0]
+    thetas = [coefficients(0.4, e=e) for e in (0.2, 0.8)]
+    roll = engine.simulator.rollout_batch
+    crossed = roll(pack_worlds(scenes, thetas[0]).crossed(thetas), times)
+    for c, theta in enumerate(thetas):
+        alone = engine.simulator.rollout(scenes, theta, times)
+        np.testing.assert_array_equal(crossed.positions[3 * c : 3 * c + 3], alone.positions)
+    single = pack_worlds(scenes[:1], thetas[0])
+    states = np.repeat(single.states, 2, axis=0)
+    states[1, :, 2] += 0.1
+    repeated, first = roll(single.repeated(states), times), roll(single, times)
+    np.testing.assert_array_equal(repeated.positions[0], first.positions[0])
+    assert (repeated.positions[1] != first.positions[0]).any()
+
+
 @engines()
 def test_without_orientations_the_positions_are_the_same(engine):
     scenes = scenes_for(engine, 4)

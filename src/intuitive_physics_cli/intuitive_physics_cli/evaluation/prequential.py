@@ -180,9 +180,7 @@ def _states(
     for item, detections in zip(observation.objects, detected, strict=True):
         if detections.times[0] > time:
             return None
-        record = _record(
-            item, detections, detections.times <= time, observation.start_time, settings
-        )
+        record = _record(item, detections, detections.times <= time, observation.start_time)
         free = FreeMotion(record, observation.environment)
         state = state_at(record, time, free, settings)
         if state is None:
@@ -224,7 +222,6 @@ def _record(
     detections: Detections,
     which: NDArray[np.bool_],
     start: float,
-    settings: PerceptionSettings,
 ) -> Record:
     times, positions = detections.times[which], detections.positions[which]
     return Record(
@@ -233,15 +230,13 @@ def _record(
         positions,
         detections.covariances[which],
         detections.bias,
-        _attitudes(item, times - start, settings),
+        _attitudes(item, times - start),
         times,
         positions,
     )
 
 
-def _attitudes(
-    item: ObservedObject, since: NDArray[np.float64], settings: PerceptionSettings
-) -> tuple[Attitude, ...] | None:
+def _attitudes(item: ObservedObject, since: NDArray[np.float64]) -> tuple[Attitude, ...] | None:
     """How a box or capsule lies and turns at times (n,) s after its initial state; None: a ball."""
     shape, state = item.object.shape, item.initial_state
     if not isinstance(shape, Box | Capsule):

@@ -85,12 +85,6 @@ class EnvironmentCheck:
     shows something else behind it, while the rest of the view is as it was. A sensor that was
     moved, if only by half a degree, sees most planes elsewhere. One that slides along its only
     plane, or turns about that plane's normal, sees nothing change and is not noticed.
-
-    Parameters
-    ----------
-    model : the environment
-    settings : `moved_fraction` and `moved_time` decide
-    revised : whether what comes and goes is looked for
     """
 
     def __init__(
@@ -154,14 +148,9 @@ class EnvironmentCheck:
 class Stages:
     """What finds objects in the frames of one environment, and what it remembers of it.
 
-    Parameters
-    ----------
-    model : the environment
-    settings : of all stages
-    rng : source of all random choices
-    before : (height, width) m, the nearest that each pixel read when the environment was modelled,
-        NaN for nothing; None where readings have no fixed pixels
-    clutter : what else stands there, for a sensor that has moved; None where it has not
+    `before` (height, width) m, the nearest that each pixel read when the environment was modelled,
+    NaN for nothing; None where readings have no fixed pixels; `clutter`: what else stands there,
+    for a sensor that has moved; None where it has not.
     """
 
     def __init__(
@@ -200,15 +189,9 @@ class Stages:
 class ModelledScene:
     """One environment as it changes, and what moves in it.
 
-    Parameters
-    ----------
-    model : the environment
-    frames : (height, width, 3) m each, that it was modelled from
-    settings : of all stages
-    rng : source of all random choices
-    first_track : number of the first track
-    measured : whether gravity was measured, so that flights are not needed
-    background : in which the environment is revised while frames go on; None revises it at once
+    `frames` (height, width, 3) m each, that it was modelled from; `measured`: whether gravity was
+    measured, so that flights are not needed; `background`: in which the environment is revised
+    while frames go on; None revises it at once.
     """
 
     def __init__(

@@ -78,10 +78,7 @@ class Spin:
 class ImageSeries:
     """Images of a ball in free flight.
 
-    Parameters
-    ----------
-    times : (k,) s
-    images : of one size
+    `times` (k,) s.
     """
 
     def __init__(

@@ -51,9 +51,7 @@ class TurnSearch:
     What two images that are some intervals apart say of the rotation between them is kept for all
     rotations, one table for each number of intervals. A spin is at one place in each table.
 
-    Parameters
-    ----------
-    duration : s, from one frame to the next
+    `duration` in s, from one frame to the next.
     """
 
     def __init__(self, duration: float) -> None:

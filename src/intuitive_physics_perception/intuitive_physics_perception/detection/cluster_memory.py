@@ -76,11 +76,8 @@ class RememberedCluster(Generic[Found]):
 class ClusterMemory(Generic[Found]):
     """Recognises the clusters of the last frames.
 
-    Parameters
-    ----------
-    stillness : m that the centre of a cluster moves at most while it stays as it is, beside what
-        the noise of its readings moves it
-    noise : of the readings
+    `stillness` is the largest movement in m of the centre of a cluster that stays as it is, without
+    that by the noise of its readings.
     """
 
     def __init__(self, stillness: float, noise: RangeNoise) -> None:

@@ -24,11 +24,8 @@ move and grow by less. It takes time alone."""
 class ClusterView:
     """One cluster of a frame as the sensor sees it.
 
-    Parameters
-    ----------
-    points : (height, width, 3) of the frame
-    cluster : (n,) indices of its points
-    before : (height, width) m, what was read when the environment was modelled, if that is known
+    `points` (height, width, 3) of the frame; `cluster` (n,) indices of its points; `before`
+    (height, width) m, what was read when the environment was modelled, if that is known.
     """
 
     def __init__(

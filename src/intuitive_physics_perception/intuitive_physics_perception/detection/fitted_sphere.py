@@ -160,12 +160,8 @@ class SphereFit:
 class SphereFitter:
     """Makes spheres of hypotheses.
 
-    Parameters
-    ----------
-    noise : of the range readings
-    settings : limits of what is a sphere
-    rng : decides which of many points a sphere is fitted to
-    knows_before : whether it is known what was read when the environment was modelled
+    `rng`: decides which of many points a sphere is fitted to; `knows_before`: whether it is known
+    what was read when the environment was modelled.
     """
 
     def __init__(

@@ -66,14 +66,10 @@ class ForegroundFinder:
     What came into an organised frame since the environment was modelled makes clusters of its own,
     so that what lies or flies close before something else is separated from it.
 
-    Parameters
-    ----------
-    model : the environment
-    settings : tuned numbers
-    before : (height, width) m, what an organised cloud read when the environment was modelled, NaN
-        where nothing was; None where it is not known
-    clutter : what else stands there, for a sensor that has moved, whose pixels have other rays in
-        each frame; None where they always have the same
+    `before` (height, width) m, what an organised cloud read when the environment was modelled, NaN
+    where nothing was; None where it is not known; `clutter`: what else stands there, for a sensor
+    that has moved, whose pixels have other rays in each frame; None where they always have the
+    same.
     """
 
     def __init__(
@@ -204,11 +200,7 @@ class ForegroundFinder:
 class Clutter:
     """What stands before the planes where an environment was modelled, seen again from elsewhere.
 
-    Parameters
-    ----------
-    points : (height, width, 3) m, what was seen when it was modelled
-    model : of the environment as it was seen then
-    settings : of all stages
+    `points` (height, width, 3) m, what was seen when it was modelled.
     """
 
     def __init__(

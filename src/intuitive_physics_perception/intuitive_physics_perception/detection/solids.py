@@ -40,11 +40,8 @@ COLORED_REACH = 1.15
 class SolidFinder:
     """Finds boxes and capsules.
 
-    Parameters
-    ----------
-    model : the environment: what stands on one of its planes reaches down to it, and what is one
-        of its static boxes is no object
-    rng : decides which points and hypotheses are tried
+    `model`: the environment: what stands on one of its planes reaches down to it, and what is one
+    of its static boxes is no object.
     """
 
     def __init__(

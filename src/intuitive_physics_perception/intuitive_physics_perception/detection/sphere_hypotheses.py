@@ -79,13 +79,7 @@ class Effort(Enum):
 
 
 class SphereHypotheses:
-    """Suggests spheres in clusters.
-
-    Parameters
-    ----------
-    fitter : makes spheres of them
-    rng : decides which random ones are tried
-    """
+    """Suggests spheres in clusters."""
 
     def __init__(
         self, fitter: SphereFitter, settings: PerceptionSettings, rng: np.random.Generator

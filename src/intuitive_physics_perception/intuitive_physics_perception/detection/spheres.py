@@ -76,9 +76,7 @@ class Candidate:
 class RecentFrames:
     """The newest frames and their clusters, in which what is found only later was there already.
 
-    Parameters
-    ----------
-    duration : s for which a frame is kept
+    `duration` in s for which a frame is kept.
     """
 
     def __init__(self, duration: float) -> None:
@@ -111,13 +109,8 @@ class RecentFrames:
 class SphereFinder:
     """Finds spheres in the foreground of frames.
 
-    Parameters
-    ----------
-    noise : of the range readings
-    settings : limits of what is a sphere
-    rng : decides which hypotheses are tried
-    before : (height, width) m, what an organised cloud read when the environment was modelled, NaN
-        where nothing was; None where it is not known
+    `before` (height, width) m, what an organised cloud read when the environment was modelled, NaN
+    where nothing was; None where it is not known.
     """
 
     def __init__(

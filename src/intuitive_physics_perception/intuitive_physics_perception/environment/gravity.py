@@ -153,13 +153,11 @@ def _with_first(planes: Sequence[DetectedPlane], first: DetectedPlane) -> tuple[
 class FlightGravity:
     """Takes the direction of gravity from what falls freely, whatever was assumed of it.
 
-    In flight the acceleration is constant and as strong as gravity. No other motion is, for as
-    long as a part of a flight lasts, but by chance: what rolls or is held does not fall, and a hand
-    does not accelerate that evenly. Parts must agree on the direction before it counts.
+    In flight the acceleration is constant and as strong as gravity. No other motion is, for as long
+    as a part of a flight lasts, but by chance: what rolls or is held does not fall, and a hand does
+    not accelerate that evenly. Parts must agree on the direction before it counts.
 
-    Parameters
-    ----------
-    strength : m/s², of gravity
+    `strength` in m/s², of gravity.
     """
 
     def __init__(self, strength: float) -> None:

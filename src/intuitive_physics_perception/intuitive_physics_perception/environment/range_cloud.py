@@ -24,9 +24,7 @@ GRAZING = 0.02
 class RangeCloud:
     """Points with what is needed to judge how near to a plane they are.
 
-    Parameters
-    ----------
-    points : (n, 3) m, all finite, the sensor at the origin
+    `points` (n, 3) m, all finite, the sensor at the origin.
     """
 
     def __init__(

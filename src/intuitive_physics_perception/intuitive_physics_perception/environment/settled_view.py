@@ -44,10 +44,8 @@ class SettledView:
     A pixel is settled while its readings differ by no more than noise explains. Where nothing is
     read nothing is known, so missing readings neither settle a pixel nor unsettle it.
 
-    Parameters
-    ----------
-    known : (height, width, 3) m, what the environment was modelled from, NaN where nothing was read
-    noise : of the readings
+    `known` (height, width, 3) m, what the environment was modelled from, NaN where nothing was
+    read.
     """
 
     def __init__(self, known: NDArray[np.float32], noise: RangeNoise) -> None:
@@ -87,16 +85,7 @@ class SettledView:
         `time` in s, of the last frame. Returns `points` (height, width, 3) m; `changed` (height,
         width) which of them have settled elsewhere than was known.
         """
-        changes = _changes(
-            self._means,
-            self._known,
-            self._since,
-            self._counts,
-            self._limits,
-            self._times(time),
-            1,
-        )
-        changed = changes > 0
+        changed = self._changed(time, 1)
         return np.where(changed[:, :, None], self._means, self._known), changed
 
     def has_changed(self, time: float) -> bool:
@@ -108,17 +97,8 @@ class SettledView:
         """
         from scipy.ndimage import binary_erosion
 
-        changes = _changes(
-            self._means,
-            self._known,
-            self._since,
-            self._counts,
-            self._limits,
-            self._times(time),
-            ROWS_APART,
-        )
         side = max(1, round(CHANGED_PIXELS / ROWS_APART))
-        blobs = binary_erosion(changes > 0, np.ones((side, side), dtype=bool))
+        blobs = binary_erosion(self._changed(time, ROWS_APART), np.ones((side, side), dtype=bool))
         return bool(blobs.any())
 
     def know(self, points: NDArray[np.float32]) -> None:
@@ -132,9 +112,14 @@ class SettledView:
         """Forget since when what is seen has been there; what was known stays."""
         self._counts[:] = 0
 
-    def _times(self, time: float) -> NDArray[np.float64]:
-        """Times since which a pixel is settled that reads farther, and that reads nearer."""
-        return np.array([time - GONE_TIME, time - COME_TIME])
+    def _changed(self, time: float, stride: int) -> NDArray[np.bool_]:
+        """Which of every `stride`-th pixel in both directions have settled elsewhere than known."""
+        # Since when a pixel is settled that reads farther, and one that reads nearer.
+        times = np.array([time - GONE_TIME, time - COME_TIME])
+        changes = _changes(
+            self._means, self._known, self._since, self._counts, self._limits, times, stride
+        )
+        return np.asarray(changes > 0)
 
 
 @entry

@@ -50,19 +50,12 @@ class PoseTracker:
 
     Which object is which, and its shape, is known; otherwise they are followed, and their motions
     become observations, as objects are that a camera sees. A sphere's orientation is not used.
-
-    Parameters
-    ----------
-    environment : the objects move in
-    objects : that are followed; at least one
-    settings : of tracking
     """
 
     def __init__(
         self,
         environment: Environment,
         objects: Sequence[TaggedObject],
-        settings: PerceptionSettings | None = None,
     ) -> None:
         if not objects:
             raise InvalidInputError("no objects are followed by their poses; expected at least one")
@@ -72,7 +65,7 @@ class PoseTracker:
             raise InvalidInputError(
                 f"objects have the ids {[item.object.id for item in objects]}; expected each once"
             )
-        self._settings = settings or PerceptionSettings()
+        self._settings = PerceptionSettings()
         self._time = -np.inf
         self._trackers: dict[str, Tracker] = {}
         self._episodes = EpisodeRecorder(environment, self._settings)

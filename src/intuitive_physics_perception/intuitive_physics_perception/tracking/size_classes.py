@@ -48,9 +48,7 @@ class SizeClasses:
     ratio. A ball at a limit, whose radius is measured on either side from throw to throw, stays in
     the class in which it, or another one before it, was first.
 
-    Parameters
-    ----------
-    ratio : of the largest to the smallest radius of a class, above 1
+    `ratio`: of the largest to the smallest radius of a class, above 1.
     """
 
     def __init__(self, ratio: float) -> None:

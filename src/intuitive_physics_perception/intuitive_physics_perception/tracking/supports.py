@@ -44,12 +44,7 @@ def faces(box: StaticBox) -> list[Plane]:
 
 
 class Surfaces:
-    """All planes and faces of an environment, together as arrays.
-
-    Parameters
-    ----------
-    environment : that has them
-    """
+    """All planes and faces of an environment, together as arrays."""
 
     def __init__(self, environment: Environment) -> None:
         boxes = [face for box in environment.boxes for face in faces(box)]

@@ -77,12 +77,9 @@ KNOWN_RADIUS_DEVIATION = 1e-5
 class Tracker:
     """Follows the objects of one environment from frame to frame.
 
-    Parameters
-    ----------
-    environment : what the objects bounce off
-    first_number : number of the first track, so that numbers stay unique over restarts
-    identity : the one object that is followed, where that is known; its detections are all that
-        comes
+    `first_number`: number of the first track, so that numbers stay unique over restarts;
+    `identity`: the one object that is followed, where that is known; its detections are all that
+    comes.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Edges that seem larger or smaller than they are, the same all round: told apart from noise."""
+"""Edges that seem larger or smaller than they are, the same all round: separate from noise."""
 
 from __future__ import annotations
 
@@ -84,9 +84,9 @@ def test_growth_that_is_not_asked_for_is_taken_for_the_sphere() -> None:
     sphere, covariance, shift = fitted(points, truth, 0.004, 0.0)
     assert np.abs(shift).max() < 1e-6
     assert sphere[3] - truth[3] > 5.0 * np.sqrt(covariance[3, 3])
-    told, covariance, shift = fitted(points, truth, 0.004, PIXEL)
-    assert abs(told[3] - truth[3]) < 2.0 * np.sqrt(covariance[3, 3] + shift[3] ** 2)
-    assert abs(told[3] - truth[3]) < 0.5 * abs(sphere[3] - truth[3])
+    with_growth, covariance, shift = fitted(points, truth, 0.004, PIXEL)
+    assert abs(with_growth[3] - truth[3]) < 2.0 * np.sqrt(covariance[3, 3] + shift[3] ** 2)
+    assert abs(with_growth[3] - truth[3]) < 0.5 * abs(sphere[3] - truth[3])
 
 
 def test_much_curvature_tells_the_growth_itself() -> None:

@@ -270,7 +270,7 @@ def test_an_empty_scene_has_no_spheres(find) -> None:
     assert all(find() == [] for _ in range(3))
 
 
-def test_clusters_are_told_apart_by_gaps_that_grow_with_range() -> None:
+def test_clusters_are_separated_by_gaps_that_grow_with_range() -> None:
     line = np.linspace(0.0, 0.3, 30)
     near = np.column_stack([line, np.zeros(30), np.ones(30)])
     groups = np.concatenate([near, near + [0.0, 0.1, 0.0], 5.0 * near + [0.0, 0.0, 3.0]])

@@ -252,10 +252,10 @@ def ramp(rng, degrees: float):
 
 
 @pytest.mark.parametrize("source", ["up_hint", "imu"])
-def test_gravity_that_is_told_need_not_be_along_the_normal(rng, source) -> None:
+def test_gravity_that_is_given_need_not_be_along_the_normal(rng, source) -> None:
     cloud, normal = ramp(rng, 12.0)
-    told = replace(SETTINGS, gravity_source=source, up_hint=tuple(TRUE_UP))
-    model = model_environment([cloud], told, rng, TRUE_UP if source == "imu" else None)
+    given = replace(SETTINGS, gravity_source=source, up_hint=tuple(TRUE_UP))
+    model = model_environment([cloud], given, rng, TRUE_UP if source == "imu" else None)
     assert model.rotation @ TRUE_UP == pytest.approx([0, 0, 1], abs=1e-9)
     assert model.environment.gravity == pytest.approx([0, 0, -9.81])
     support = model.environment.planes[0]

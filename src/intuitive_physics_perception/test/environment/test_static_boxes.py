@@ -98,7 +98,9 @@ def test_boxes_are_part_of_the_environment_unless_they_are_left_out(room, shapes
         assert len(perceived.model.seen_environment().boxes) == int(wanted)
 
 
-def test_a_box_that_lies_there_from_the_start_is_an_object_where_told_so(room, shapes) -> None:
+def test_a_box_that_lies_there_from_the_start_is_an_object_where_solids_are_objects(
+    room, shapes
+) -> None:
     """Pushed later, it slides 1 m/s along y without friction, 33 cm in 10 frames."""
     small = room.__class__(tilt=30.0, seed=9, width=320, height_pixels=240, focal=262.5)
     step, resting, pushed = 1.0 / 30.0, FRAMES + 18, 10

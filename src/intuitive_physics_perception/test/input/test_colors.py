@@ -119,13 +119,13 @@ def test_geometry_is_the_same_to_the_bit_with_and_without_colours(make_room) -> 
     frames = [room.points(balls) for balls in places]
     green = np.zeros(frames[0].shape, np.uint8)
     green[:, :, 1] = 255
-    told = []
+    results = []
     for colors in (None, green):
         pipeline = PerceptionPipeline(
             PerceptionSettings(environment_frames=4), np.random.default_rng(0)
         )
-        told.append([pipeline.process(f, k / 30.0, colors) for k, f in enumerate(frames)][-1])
-    without, colored = told
+        results.append([pipeline.process(f, k / 30.0, colors) for k, f in enumerate(frames)][-1])
+    without, colored = results
     assert [o.state.to_dict() for o in without.objects] == [
         o.state.to_dict() for o in colored.objects
     ]

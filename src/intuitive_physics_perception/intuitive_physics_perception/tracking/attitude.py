@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from intuitive_physics.shapes import Box, Capsule
-from intuitive_physics.state import ANGULAR_VELOCITY, ROTATION, ObjectState
+from intuitive_physics.state import (
+    ANGULAR_VELOCITY,
+    ERROR_SIZE,
+    LINEAR_VELOCITY,
+    POSITION,
+    ROTATION,
+    ObjectState,
+)
 from intuitive_physics_perception.detection.detections import DetectedSolid
 from intuitive_physics_perception.tracking.motion import GATE, white_acceleration
 
@@ -150,29 +158,38 @@ class Attitude:
         return Capsule(float(mean[0]), float(mean[1]))
 
 
-def with_attitude(
-    position: NDArray[np.float64],
-    velocity: NDArray[np.float64],
+def object_state(
+    motion: NDArray[np.float64],
     covariance: NDArray[np.float64],
-    attitude: Attitude,
+    turning: Attitude | tuple[NDArray[np.float64], NDArray[np.float64]],
 ) -> ObjectState:
-    """Return θ_d of a solid from its translation and its attitude.
+    """Return θ_d.
 
-    `position` (3,) m; `velocity` (3,) m/s; `covariance` (12, 12) of which the parts of rotation and
-    angular velocity are filled in.
+    `motion` (6,) position in m and velocity in m/s with `covariance` (6, 6); `turning`: attitude of
+    a box or capsule, or of a ball the angular velocity (3,) rad/s and its covariance (3, 3).
     """
-    whole = covariance.copy()
-    blocks = ((ROTATION, ROTATION_PART), (ANGULAR_VELOCITY, VELOCITY_PART))
-    for rows, own_rows in blocks:
-        for columns, own_columns in blocks:
-            whole[rows, columns] = attitude.covariance[own_rows, own_columns]
-    return ObjectState(
-        position,
-        Rotation.from_matrix(attitude.rotation).as_quat(),
-        velocity,
-        attitude.angular_velocity,
-        whole,
-    )
+    whole = np.zeros((ERROR_SIZE, ERROR_SIZE))
+    _fill(whole, ((POSITION, slice(0, 3)), (LINEAR_VELOCITY, slice(3, 6))), covariance)
+    orientation: ArrayLike = (0.0, 0.0, 0.0, 1.0)
+    if isinstance(turning, Attitude):
+        parts = ((ROTATION, ROTATION_PART), (ANGULAR_VELOCITY, VELOCITY_PART))
+        _fill(whole, parts, turning.covariance)
+        orientation = Rotation.from_matrix(turning.rotation).as_quat()
+        angular_velocity = turning.angular_velocity
+    else:
+        angular_velocity, whole[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = turning
+    return ObjectState(motion[:3], orientation, motion[3:6], angular_velocity, whole)
+
+
+def _fill(
+    whole: NDArray[np.float64],
+    parts: Sequence[tuple[slice, slice]],
+    covariance: NDArray[np.float64],
+) -> None:
+    """Write blocks of a covariance (n, n) to their places in a whole one (12, 12)."""
+    for rows, part_rows in parts:
+        for columns, part_columns in parts:
+            whole[rows, columns] = covariance[part_rows, part_columns]
 
 
 def _lengths(shape: Box | Capsule) -> NDArray[np.float64]:

@@ -5,15 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.state import (
-    ANGULAR_VELOCITY,
-    ERROR_SIZE,
-    LINEAR_VELOCITY,
-    POSITION,
-    ObjectState,
-)
+from intuitive_physics.state import ObjectState
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.tracking.attitude import with_attitude
+from intuitive_physics_perception.tracking.attitude import object_state
 from intuitive_physics_perception.tracking.free_motion import FreeMotion, Record, Stretch
 from intuitive_physics_perception.tracking.rolling import (
     ROLLING_TIME,
@@ -45,25 +39,12 @@ def state_at(
     if stretch is None:
         return None
     mean, spread = stretch.at(time)
-    covariance = np.zeros((ERROR_SIZE, ERROR_SIZE))
-    blocks = ((POSITION, slice(0, 3)), (LINEAR_VELOCITY, slice(3, 6)))
-    for rows, own_rows in blocks:
-        for columns, own_columns in blocks:
-            covariance[rows, columns] = spread[own_rows, own_columns]
     if record.attitudes is not None:
         # The end of the stretch knows the angular velocity best, and nothing changed it before.
         last = record.attitudes[stretch.end - 1].after(time - float(record.times[stretch.end - 1]))
-        return with_attitude(mean[:3], mean[3:], covariance, last)
-    angular_velocity, angular_covariance = _angular_velocity(
-        record, stretch, mean[3:], spread[3:, 3:], settings
-    )
-    covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = angular_covariance
-    return ObjectState(
-        mean[:3],
-        linear_velocity=mean[3:],
-        angular_velocity=angular_velocity,
-        covariance=covariance,
-    )
+        return object_state(mean, spread, last)
+    spin = _angular_velocity(record, stretch, mean[3:], spread[3:, 3:], settings)
+    return object_state(mean, spread, spin)
 
 
 def _angular_velocity(

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from intuitive_physics.observation import SeenSpin
 from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Sphere
-from intuitive_physics.state import ANGULAR_VELOCITY, ERROR_SIZE, LINEAR_VELOCITY, ObjectState
-from intuitive_physics.state import POSITION as STATE_POSITION
+from intuitive_physics.state import ObjectState
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
 from intuitive_physics_perception.detection.detections import DetectedSolid, Detection, kind_of
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
-from intuitive_physics_perception.tracking.attitude import Attitude, with_attitude
+from intuitive_physics_perception.tracking.attitude import Attitude, object_state
 from intuitive_physics_perception.tracking.motion import (
     FRAME_TIME,
     GATE,
@@ -181,24 +180,10 @@ class Track:
 
     def object_state(self, environment: Environment, settings: PerceptionSettings) -> ObjectState:
         """θ_d at `time`; a sphere's turning is not seen, but a rolling one's follows."""
-        covariance = np.zeros((ERROR_SIZE, ERROR_SIZE))
-        blocks = ((STATE_POSITION, POSITION), (LINEAR_VELOCITY, VELOCITY))
-        for rows, own_rows in blocks:
-            for columns, own_columns in blocks:
-                covariance[rows, columns] = self.covariance[own_rows, own_columns]
-        covariance[STATE_POSITION, STATE_POSITION] += self.systematic[:3, :3]
-        if self.attitude is not None:
-            return with_attitude(
-                self.mean[POSITION], self.mean[VELOCITY], covariance, self.attitude
-            )
-        angular_velocity, angular_covariance = self._angular_velocity(environment, settings)
-        covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = angular_covariance
-        return ObjectState(
-            self.mean[POSITION],
-            linear_velocity=self.mean[VELOCITY],
-            angular_velocity=angular_velocity,
-            covariance=covariance,
-        )
+        covariance = self.covariance[:6, :6].copy()
+        covariance[POSITION, POSITION] += self.systematic[:3, :3]
+        turning = self.attitude or self._angular_velocity(environment, settings)
+        return object_state(self.mean, covariance, turning)
 
     def _angular_velocity(
         self, environment: Environment, settings: PerceptionSettings

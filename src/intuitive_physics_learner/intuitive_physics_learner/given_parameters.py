@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,15 +121,14 @@ def given_parameters(
     values[new] = parameter_vector(given.parameters)[old]
     deviations[new], identified[new] = _knowledge(given, as_what)[:, old]
     intervals[new] = np.nan if as_what == FIXED else given.intervals[old]
-    merged = LearnedParameters(
-        parameters_of_vector(base.materials, values),
-        deviations,
-        identified,
-        base.version,
-        base.cost,
-        base.observation_count,
-        base.method,
-        intervals,
+    merged = replace(
+        base,
+        parameters=parameters_of_vector(base.materials, values),
+        standard_deviations=deviations,
+        identified=identified,
+        intervals=intervals,
+        posterior=None,
+        given=None,
         initial_spins=_spins(given, newest, names).among(base.materials),
     )
     chosen = np.zeros(values.size, dtype=bool)
@@ -235,18 +235,10 @@ def _with_knowledge(
         merged.materials, own.mean, stays.combined(own.factor).factor, wide, stays.intervals
     )
     posterior = knowledge.imposed_on(posterior, merged.parameters)
-    return LearnedParameters(
-        merged.parameters,
-        merged.standard_deviations,
-        merged.identified,
-        merged.version,
-        merged.cost,
-        merged.observation_count,
-        merged.method,
-        merged.intervals,
-        posterior if posterior.factor.size else None,
-        knowledge if knowledge.fixed.any() or knowledge.prior.factor.size else None,
-        merged.initial_spins,
+    return replace(
+        merged,
+        posterior=posterior if posterior.factor.size else None,
+        given=knowledge if knowledge.fixed.any() or knowledge.prior.factor.size else None,
     )
 
 

@@ -369,16 +369,16 @@ def _merged(
     merged = parameters_of_vector(previous.materials, values)
     posterior = _merged_posterior(previous, space, merged, searched, identifiability)
     return LearnedParameters(
-        merged,
-        deviations,
-        identified,
-        previous.version + 1,
-        cost,
-        observation_count,
-        method,
-        intervals,
-        posterior,
-        previous.given,
+        parameters=merged,
+        standard_deviations=deviations,
+        identified=identified,
+        version=previous.version + 1,
+        cost=cost,
+        observation_count=observation_count,
+        method=method,
+        intervals=intervals,
+        posterior=posterior,
+        given=previous.given,
     )
 
 

@@ -1,10 +1,7 @@
-"""Own DDS domain for the tests, an engine simple enough to check by hand, thrown balls."""
+"""A store, an engine simple enough to check by hand, thrown balls."""
 
-import os
-
-os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
-os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-
+import sqlite3
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +15,7 @@ from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.simulation import Rollout, Simulator, WorldStatus, make_simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_learner import TrajectoryCost
+from intuitive_physics_learner import ObservationStore, TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.search.learning_task import LearningTask
 
@@ -47,6 +44,29 @@ class GlideSimulator(Simulator):
         positions[failed, :, times.shape[1] // 2 :] = np.nan
         status = np.where(failed, WorldStatus.TOO_MANY_EVENTS, WorldStatus.OK)
         return Rollout(positions, None, status)
+
+
+@pytest.fixture
+def path(tmp_path):
+    """Where a database does not exist yet, nor its folder."""
+    return tmp_path / "new" / "folder" / "learner.sqlite3"
+
+
+@pytest.fixture
+def store(path):
+    with ObservationStore(path) as opened:
+        yield opened
+
+
+@pytest.fixture
+def rewrite(path):
+    """Make a function that executes a statement on the database, as another program would."""
+
+    def execute(sql, *values):
+        with closing(sqlite3.connect(path)) as file, file:
+            file.execute(sql, values)
+
+    return execute
 
 
 FLOOR = Environment([Plane("floor", "floor", [0, 0, 1], 0.0)])

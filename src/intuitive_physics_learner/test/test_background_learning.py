@@ -12,7 +12,6 @@ import pytest
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.kernels.cache import KernelCache
-from intuitive_physics_learner import ObservationStore
 from intuitive_physics_learner.online import worker
 from intuitive_physics_learner.online.background_learning import BackgroundLearning
 from intuitive_physics_learner.online.options import OnlineOptions
@@ -23,12 +22,6 @@ PATIENCE = 60.0
 """s for what takes about one, on a machine that is busy with other things."""
 
 OPTIONS = OnlineOptions()
-
-
-@pytest.fixture
-def store(tmp_path):
-    with ObservationStore(tmp_path / "learner.sqlite3") as opened:
-        yield opened
 
 
 @pytest.fixture

@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics_learner import ObservationStore
 from intuitive_physics_learner.store import CurrentParameters
-
-
-@pytest.fixture
-def store(tmp_path):
-    with ObservationStore(tmp_path / "learner.sqlite3") as opened:
-        yield opened
 
 
 def test_there_are_none_while_no_material_is_known(store):

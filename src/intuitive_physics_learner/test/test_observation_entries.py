@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import sqlite3
 import threading
 from collections import Counter
 from dataclasses import replace
@@ -27,12 +26,6 @@ from intuitive_physics_learner.store.observation_entries import STATUSES
 from intuitive_physics_learner.stored_learning import learn_from_store
 
 
-@pytest.fixture
-def store(tmp_path):
-    with ObservationStore(tmp_path / "learner.sqlite3") as opened:
-        yield opened
-
-
 @pytest.fixture(scope="session")
 def glide_at(glides):
     def make(id, start=0.0, material="ball"):
@@ -41,14 +34,10 @@ def glide_at(glides):
     return make
 
 
-def rewritten(store, sql, *values):
-    with sqlite3.connect(store.path) as file:
-        file.execute(sql, values)
-    file.close()
-
-
-def broken(store, id):
-    rewritten(store, "UPDATE observations SET json = substr(json, 1, 99) WHERE id = ?", id)
+@pytest.fixture
+def break_text(rewrite):
+    """Make a function that cuts the text of an observation short."""
+    return lambda id: rewrite("UPDATE observations SET json = substr(json, 1, 99) WHERE id = ?", id)
 
 
 def ids(entries):
@@ -76,9 +65,9 @@ def test_an_entry_says_what_the_observation_says(store, glides):
     assert json.loads(json.dumps(entry.to_dict()))["materials"] == list(seen.materials)
 
 
-def test_an_unreadable_row_is_marked_kept_and_passed_over(store, glide_at):
+def test_an_unreadable_row_is_marked_kept_and_passed_over(store, glide_at, break_text):
     store.add_all([glide_at(id) for id in "abc"])
-    broken(store, "b")
+    break_text("b")
     assert [one.id for one in store.observations()] == ["a", "c"]
     (entry,) = store.entries(statuses=["unreadable"])
     assert (entry.id, entry.weight) == ("b", 0.0)
@@ -101,24 +90,24 @@ def test_an_unreadable_row_is_marked_kept_and_passed_over(store, glide_at):
         '{"format": "intuitive_physics/observation/2", "objects": 5, "environment": []}',
     ],
 )
-def test_no_text_stops_reading(store, glide_at, text):
+def test_no_text_stops_reading(store, glide_at, text, rewrite):
     store.add_all([glide_at("a"), glide_at("b")])
-    rewritten(store, "UPDATE observations SET json = ? WHERE id = 'a'", text)
+    rewrite("UPDATE observations SET json = ? WHERE id = 'a'", text)
     assert [one.id for one in store.observations()] == ["b"]
     assert ids(store.check()) == ["a"]
 
 
-def test_a_broken_byte_is_one_unreadable_row(store, glide_at):
+def test_a_broken_byte_is_one_unreadable_row(store, glide_at, rewrite):
     store.add_all([glide_at("a"), glide_at("b")])
-    rewritten(store, "UPDATE observations SET json = CAST(x'7b22ff' AS TEXT) WHERE id = 'a'")
+    rewrite("UPDATE observations SET json = CAST(x'7b22ff' AS TEXT) WHERE id = 'a'")
     assert [one.id for one in store.observations()] == ["b"]
 
 
-def test_a_row_that_can_be_read_again_is_used_again(store, glide_at):
+def test_a_row_that_can_be_read_again_is_used_again(store, glide_at, rewrite, break_text):
     store.add_all([glide_at("a"), glide_at("b", material="cork")])
-    broken(store, "b")
+    break_text("b")
     assert ids(store.check()) == ["b"]
-    rewritten(store, "UPDATE observations SET json = ? WHERE id = 'b'", glide_at("b").to_json())
+    rewrite("UPDATE observations SET json = ? WHERE id = 'b'", glide_at("b").to_json())
     before = revision(store)
     assert store.check() == []
     assert revision(store) > before
@@ -145,10 +134,10 @@ def test_the_user_excludes_and_includes(store, glide_at):
     assert store.counts()["excluded"] == 1
 
 
-def test_what_is_doubtful_can_come_back(store, glide_at):
+def test_what_is_doubtful_can_come_back(store, glide_at, break_text):
     store.add_all([glide_at(id) for id in "abcd"])
     store.exclude(["c"])
-    broken(store, "d")
+    break_text("d")
     store.observations()
     before = revision(store)
     doubts = [Assessment(id, 0.1, "touched", "doubtful") for id in "acdx"]
@@ -196,10 +185,10 @@ def test_lists_are_paged(store, glide_at):
 
 
 @pytest.mark.parametrize("chunk", [1, 3, 100])
-def test_observations_one_after_the_other(store, glide_at, monkeypatch, chunk):
+def test_observations_one_after_the_other(store, glide_at, monkeypatch, chunk, break_text):
     monkeypatch.setattr(observation_store, "CHUNK", chunk)
     store.add_all([glide_at(str(n)) for n in range(7)])
-    broken(store, "2")
+    break_text("2")
     store.exclude(["4"])
     read = [(entry.number, one.id) for entry, one in store.each_observation()]
     assert read == [(1, "0"), (2, "1"), (4, "3"), (6, "5"), (7, "6")]
@@ -305,9 +294,9 @@ def test_a_recording_that_is_played_again_adds_nothing(store, glides):
         assert both.add_all([*first, *again]) == 4
 
 
-def test_learning_goes_on_without_an_unreadable_row(store, glide_at, glide):
+def test_learning_goes_on_without_an_unreadable_row(store, glide_at, glide, break_text):
     store.add_all([glide_at(id) for id in "abc"])
-    broken(store, "b")
+    break_text("b")
     options = LearningOptions("random", ConvergenceCriteria(max_iterations=20))
     result = learn_from_store(store, glide, options)
     assert result.learned.observation_count == 2

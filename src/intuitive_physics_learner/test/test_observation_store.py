@@ -50,11 +50,6 @@ def observation(glides):
     return make
 
 
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / "new" / "folder" / "learner.sqlite3"
-
-
 def start_writer(path, observation, tmp_path, name="writer"):
     text = tmp_path / "observation.json"
     text.write_text(observation("first").to_json())
@@ -211,11 +206,9 @@ def test_garbage_file(path):
     assert path.read_bytes() == garbage
 
 
-def test_database_of_another_program(path):
+def test_database_of_another_program(path, rewrite):
     path.parent.mkdir(parents=True)
-    with sqlite3.connect(path) as other:
-        other.execute("CREATE TABLE songs (title TEXT)")
-    other.close()
+    rewrite("CREATE TABLE songs (title TEXT)")
     with pytest.raises(StorageError, match="another program"):
         ObservationStore(path)
 
@@ -237,24 +230,22 @@ def test_a_file_of_a_newer_version_is_refused_and_left_as_it_is(path, observatio
     assert [file.name for file in path.parent.iterdir()] == [path.name]
 
 
-def test_nothing_is_written_to_a_file_that_a_newer_version_migrates_meanwhile(path, observation):
+def test_nothing_is_written_to_a_file_that_a_newer_version_migrates_meanwhile(
+    path, observation, rewrite
+):
     with ObservationStore(path) as store:
         store.add(observation("old"))
-        with sqlite3.connect(path) as newer:
-            newer.execute("CREATE TABLE notes (text TEXT)")
-            newer.execute(f"PRAGMA user_version = {latest_version() + 1}")
-        newer.close()
+        rewrite("CREATE TABLE notes (text TEXT)")
+        rewrite(f"PRAGMA user_version = {latest_version() + 1}")
         with pytest.raises(StorageError, match=f"schema version {latest_version() + 1}"):
             store.add(observation("new"))
         assert store.ids() == ["old"]
 
 
-def test_a_file_of_before_the_first_release_is_refused(path):
+def test_a_file_of_before_the_first_release_is_refused(path, rewrite):
     with ObservationStore(path):
         pass
-    with sqlite3.connect(path) as old:
-        old.execute("PRAGMA user_version = 2")
-    old.close()
+    rewrite("PRAGMA user_version = 2")
     with pytest.raises(StorageError, match="schema version 2 of a program before the first"):
         ObservationStore(path)
 
@@ -306,12 +297,10 @@ def test_keeps_where_searches_stand(path):
         assert store.checkpoint("0") is None
 
 
-def test_a_checkpoint_that_cannot_be_read_counts_as_none(path):
+def test_a_checkpoint_that_cannot_be_read_counts_as_none(path, rewrite):
     with ObservationStore(path) as store:
         store.save_checkpoint(SearchCheckpoint("a", 0, None, {}, 0.0))
-    with sqlite3.connect(path) as file:
-        file.execute("UPDATE searches SET json = '{\"start\": nul'")
-    file.close()
+    rewrite("UPDATE searches SET json = '{\"start\": nul'")
     with ObservationStore(path) as store:
         assert store.checkpoint("a") is None
 
@@ -394,12 +383,10 @@ def test_locked_by_another_process(path, observation, monkeypatch):
         assert store.add(observation("a"))
 
 
-def test_a_version_that_cannot_be_read(path):
+def test_a_version_that_cannot_be_read(path, rewrite):
     with ObservationStore(path) as store:
         store.add_parameters(LearnedParameters.defaults(["ball"]))
-    with sqlite3.connect(path) as file:
-        file.execute("UPDATE learned_parameters SET json = '{}'")
-    file.close()
+    rewrite("UPDATE learned_parameters SET json = '{}'")
     with ObservationStore(path) as store:
         assert store.newest_parameters() is None
         with pytest.raises(StorageError, match="version 1 of the learned parameters"):

@@ -10,7 +10,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import parameter_names
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_learner import LearningOptions, ObservationStore, learn
+from intuitive_physics_learner import LearningOptions, learn
 from intuitive_physics_learner.given_parameters import FIXED, PRIOR, given_parameters
 from intuitive_physics_learner.online.online_learner import LARGEST_SCORE, OnlineLearner
 from intuitive_physics_learner.online.online_state import OnlineState
@@ -184,12 +184,6 @@ def gliding(glides):
 def test_a_state_that_is_none_is_refused(text):
     with pytest.raises(InvalidInputError, match="state of on-line learning"):
         OnlineState.from_json(text)
-
-
-@pytest.fixture
-def store(tmp_path):
-    with ObservationStore(tmp_path / "learner.sqlite3") as opened:
-        yield opened
 
 
 def learn_all(store, simulator):

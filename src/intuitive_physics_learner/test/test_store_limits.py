@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sqlite3
 import stat
 from collections import deque
 from dataclasses import replace
@@ -29,11 +28,6 @@ def few_materials():
     use_limits(replace(before, most_materials=4))
     yield
     use_limits(before)
-
-
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / "learner.sqlite3"
 
 
 @pytest.fixture
@@ -114,13 +108,11 @@ def test_a_database_with_too_many_materials_starts_and_keeps_them_aside(path, of
         '{"format": 1e999}',
     ],
 )
-def test_a_version_that_cannot_be_read_is_kept_aside(path, text):
+def test_a_version_that_cannot_be_read_is_kept_aside(path, text, rewrite):
     with ObservationStore(path) as store:
         store.add_parameters(LearnedParameters.defaults(["ball"]))
         store.add_parameters(LearnedParameters.defaults(["ball", "cube"]))
-    with sqlite3.connect(path) as file:
-        file.execute("UPDATE learned_parameters SET json = ? WHERE version = 2", (text,))
-    file.close()
+    rewrite("UPDATE learned_parameters SET json = ? WHERE version = 2", text)
     with ObservationStore(path) as store:
         newest = store.newest_parameters()
         # It has the number of the newest, so that the next version follows it.

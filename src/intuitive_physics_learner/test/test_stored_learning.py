@@ -47,17 +47,6 @@ with ObservationStore(sys.argv[1]) as store:
 """
 
 
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / "learner.sqlite3"
-
-
-@pytest.fixture
-def store(path):
-    with ObservationStore(path) as opened:
-        yield opened
-
-
 def options(iterations=600, **others):
     return LearningOptions(criteria=ConvergenceCriteria(iterations), **others)
 

@@ -330,15 +330,18 @@ class JointFit:
         return {int(members[k]): found[k].spins for k in np.flatnonzero(explained)}
 
     def step(self) -> None:
-        """Take a damped Gauss-Newton step in all unknowns, then move the fit horizons."""
+        """Take a damped Gauss-Newton step in all unknowns, then move the fit horizons.
+
+        The parts are those of `docs/method/joint_estimation.md`, in the order of a step.
+        """
         linear = self._model.linearised(self._estimate)
-        if self.steps in self.settings.scan_steps and self._scan(linear):
+        if self.steps in self.settings.scan_steps and self._leave_local_optima(linear):
             linear = self._model.linearised(self._estimate)
         self.steps += 1
-        equations = self._weighed(self._model.equations(self._estimate, linear))
+        equations = self._weighted_by_agreement(self._model.equations(self._estimate, linear))
         self._note_responses(linear)
-        goals, evidence = self._predict(linear, equations)
-        self._move(equations, goals)
+        goals, evidence = self._predict_beyond_horizons(linear, equations)
+        self._take_best_damped_step(equations, goals)
         if self.settings.widens_spins:
             self._model.widen_spins(evidence.initial_spins())
 
@@ -371,7 +374,7 @@ class JointFit:
         for part, saved in zip(self._estimate.fits, state["fits"], strict=True):
             part.load_state(saved)
 
-    def _weighed(self, equations: list[NormalEquations]) -> list[NormalEquations]:
+    def _weighted_by_agreement(self, equations: list[NormalEquations]) -> list[NormalEquations]:
         """Give each observation the weight with which it agrees with the others."""
         posterior, eliminated = self._model.posterior(equations)
         scores = self.prior.scores(self.unit)
@@ -396,7 +399,7 @@ class JointFit:
             moving = (np.abs(slopes.slopes[:, d:]) > SMALLEST_RESPONSE).any(axis=(2, 3))
             self.responsive[block.parameters[moving]] = True
 
-    def _predict(
+    def _predict_beyond_horizons(
         self, linear: Sequence[Linearisation], equations: Sequence[NormalEquations]
     ) -> tuple[list[NDArray[np.float64]], SpinEvidence]:
         """Take over the posterior's deviations.
@@ -423,7 +426,9 @@ class JointFit:
             )
         return goals, evidence
 
-    def _move(self, equations: Sequence[NormalEquations], goals: list[NDArray[np.float64]]) -> None:
+    def _take_best_damped_step(
+        self, equations: Sequence[NormalEquations], goals: list[NDArray[np.float64]]
+    ) -> None:
         """Take the best of several damped steps, each initial state its own, and move horizons."""
         model = self._model
         estimates = [part.estimate for _, part in model.parts(self._estimate)]
@@ -473,7 +478,7 @@ class JointFit:
         self.misfits = misfits / len(self._model.cost.observations)
         return advanced
 
-    def _scan(self, linear: Sequence[Linearisation]) -> bool:
+    def _leave_local_optima(self, linear: Sequence[Linearisation]) -> bool:
         """Move parameters to where on their range they fit better; return whether any moved."""
         places = SCAN_LEVELS
         rises, found = self._model.scanned(self._estimate, linear, places)

@@ -612,13 +612,13 @@ class OnlineLearner:
         seen = [self._observations[one.id] for one in state.window]
         cost = TrajectoryCost(seen, self._simulator, state.materials).costs([parameters])[0]
         return LearnedParameters(
-            parameters,
-            np.where(held, 0.0, np.where(identified, deviations, np.nan)),
-            identified,
-            (0 if state.published is None else state.published.version) + 1,
-            float(cost),
-            state.processed - state.set_aside,
-            JOINT_METHOD,
+            parameters=parameters,
+            standard_deviations=np.where(held, 0.0, np.where(identified, deviations, np.nan)),
+            identified=identified,
+            version=(0 if state.published is None else state.published.version) + 1,
+            cost=float(cost),
+            observation_count=state.processed - state.set_aside,
+            method=JOINT_METHOD,
             posterior=posterior,
             given=given,
             initial_spins=state.initial_spins(),

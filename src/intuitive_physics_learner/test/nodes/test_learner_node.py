@@ -5,14 +5,12 @@ import os
 import resource
 import signal
 import sqlite3
-import time
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import rclpy
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from intuitive_physics_msgs.action import LearnParameters
@@ -35,8 +33,6 @@ from intuitive_physics_msgs.srv import (
 )
 from rcl_interfaces.srv import SetParameters
 from rclpy.action import ActionClient
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -53,7 +49,7 @@ from intuitive_physics_ros.conversions import (
     static_parameters_from_message,
     static_parameters_to_message,
 )
-from intuitive_physics_ros.scripting import NodeProcess
+from intuitive_physics_ros.scripting import NodeProcess, Peer
 
 PATIENCE = 20.0
 """Seconds to wait for what takes well under one, on a machine that is busy with other things."""
@@ -65,22 +61,20 @@ SOON = "from intuitive_physics_learner.cost import cluster; cluster.CONNECT_TIME
 
 ENDLESS = LearningOptions(method="random", max_iterations=10**7)
 
-REPEAT_AFTER = 2.0
-"""Seconds after which a greeting that was not answered is sent again."""
-
-GREETINGS = {
-    AddObservation: AddObservation.Request(),
-    GetStaticParameters: GetStaticParameters.Request(),
-    SetStaticParameters: SetStaticParameters.Request(
-        static_parameters=StaticParameters(materials=["without values"])
+SERVICES = {
+    AddObservation: ("add_observation", {}),
+    GetStaticParameters: ("get_static_parameters", {}),
+    SetStaticParameters: (
+        "set_static_parameters",
+        {"static_parameters": StaticParameters(materials=["without values"])},
     ),
-    Learn: Learn.Request(options=LearningOptions(method="none")),
-    ListObservations: ListObservations.Request(),
-    SetObservationStatus: SetObservationStatus.Request(),
-    DeleteObservations: DeleteObservations.Request(),
-    ExportObservations: ExportObservations.Request(ids=["none"]),
+    Learn: ("learn", {"options": LearningOptions(method="none")}),
+    ListObservations: ("list_observations", {}),
+    SetObservationStatus: ("set_observation_status", {}),
+    DeleteObservations: ("delete_observations", {}),
+    ExportObservations: ("export_observations", {"ids": ["none"]}),
 }
-"""For each service a request that changes nothing, so that it can be sent more than once."""
+"""Name of each service, and a request that changes nothing: it can be sent more than once."""
 
 
 def start_learner(database, *parameters, **options):
@@ -103,75 +97,36 @@ class Caller:
     """
 
     def __init__(self):
-        self.context = Context()
-        rclpy.init(context=self.context)
-        self.node = rclpy.create_node("caller", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.published = []
-        self.diagnostics = []
-        self.node.create_subscription(
-            StaticParameters, "intuitive_physics/static_parameters", self.published.append, LATCHED
-        )
-        self.node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnostics.append, 10)
-        self.observations = self.node.create_publisher(
+        self.peer = Peer("caller", timeout=PATIENCE)
+        topic = "intuitive_physics/static_parameters"
+        self.published = self.peer.listen(StaticParameters, topic, LATCHED)
+        self.diagnostics = self.peer.listen(DiagnosticArray, "/diagnostics")
+        self.observations = self.peer.node.create_publisher(
             Observation, "intuitive_physics/observations", LATCHED
         )
-        self.services = {
-            kind: self.node.create_client(kind, f"/learner_node/{name}")
-            for kind, name in (
-                (AddObservation, "add_observation"),
-                (GetStaticParameters, "get_static_parameters"),
-                (SetStaticParameters, "set_static_parameters"),
-                (Learn, "learn"),
-                (ListObservations, "list_observations"),
-                (SetObservationStatus, "set_observation_status"),
-                (DeleteObservations, "delete_observations"),
-                (ExportObservations, "export_observations"),
-            )
-        }
-        self.set_parameters = self.node.create_client(SetParameters, "/learner_node/set_parameters")
-        self.action = ActionClient(self.node, LearnParameters, "/learner_node/learn_parameters")
+        self.action = ActionClient(
+            self.peer.node, LearnParameters, "/learner_node/learn_parameters"
+        )
         self.greeted = set()
 
     def close(self):
-        self.executor.shutdown()
-        self.node.destroy_node()
-        self.context.try_shutdown()
+        self.peer.close()
 
-    def spin_until(self, holds, patience=PATIENCE):
-        deadline = time.monotonic() + patience
-        while not holds():
-            assert time.monotonic() < deadline, "waited in vain"
-            self.executor.spin_once(timeout_sec=0.05)
-
-    def ask_until_answered(self, send):
-        """Return the first answer to a request that is sent again while there is none."""
-        sent, sent_at = [], -math.inf
-
-        def answered():
-            nonlocal sent_at
-            if time.monotonic() > sent_at + REPEAT_AFTER:
-                sent_at = time.monotonic()
-                sent.append(send())
-            return any(future.done() for future in sent)
-
-        self.spin_until(answered)
-        return next(future.result() for future in sent if future.done())
+    def spin_until(self, holds, patience=None):
+        self.peer.spin_until(holds, "what the test waits for", patience)
 
     def greet(self, kind):
         """Make sure that a service's answers arrive."""
         if kind not in self.greeted:
-            client = self.services[kind]
-            self.spin_until(client.service_is_ready)
-            self.ask_until_answered(lambda: client.call_async(GREETINGS[kind]))
+            name, fields = SERVICES[kind]
+            self.peer.call(kind, f"/learner_node/{name}", kind.Request(**fields))
             self.greeted.add(kind)
 
     def set_parameter(self, name, value):
-        parameter = Parameter(name, value=value).to_parameter_msg()
-        self.spin_until(self.set_parameters.service_is_ready)
-        request = SetParameters.Request(parameters=[parameter])
-        answer = self.ask_until_answered(lambda: self.set_parameters.call_async(request))
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()]
+        )
+        answer = self.peer.call(SetParameters, "/learner_node/set_parameters", request)
         assert answer.results[0].successful, answer.results[0].reason
 
     def greet_action(self):
@@ -179,18 +134,16 @@ class Caller:
         if LearnParameters not in self.greeted:
             goal = LearnParameters.Goal(options=LearningOptions(method="none"))
             self.spin_until(self.action.server_is_ready)
-            refused = self.ask_until_answered(lambda: self.action.send_goal_async(goal))
-            self.ask_until_answered(refused.get_result_async)
+            refused = self.peer.ask(lambda: self.action.send_goal_async(goal), "the refusal")
+            self.peer.ask(refused.get_result_async, "the result of a refused goal")
             self.greeted.add(LearnParameters)
 
     def start_call(self, kind, **fields):
         self.greet(kind)
-        return self.services[kind].call_async(kind.Request(**fields))
+        return self.peer.send(kind, f"/learner_node/{SERVICES[kind][0]}", kind.Request(**fields))
 
     def call(self, kind, **fields):
-        future = self.start_call(kind, **fields)
-        self.spin_until(future.done)
-        return future.result()
+        return self.result_of(self.start_call(kind, **fields))
 
     def add(self, observation):
         return self.call(AddObservation, observation=observation_to_message(observation))
@@ -252,6 +205,16 @@ def caller():
     made = Caller()
     yield made
     made.close()
+
+
+def status_of(caller, name):
+    """The newest level and message of a check, and its values."""
+    for message in reversed(caller.diagnostics):
+        for status in message.status:
+            if status.name == f"learner_node: {name}":
+                values = {pair.key: pair.value for pair in status.values}
+                return status.level, status.message, values
+    return None
 
 
 def test_learns_what_made_the_observations(start, caller, throws, true_parameters):
@@ -413,13 +376,8 @@ def test_no_observation_is_lost_while_another_process_writes(start, caller, glid
 
 def queue_status(caller):
     """Level of the newest report on the queue, and how many observations wait in it."""
-    found = [
-        (status.level, {value.key: value.value for value in status.values}["waiting"])
-        for message in caller.diagnostics
-        for status in message.status
-        if status.name.endswith("observation queue")
-    ]
-    return found[-1] if found else None
+    found = status_of(caller, "observation queue")
+    return found and (found[0], found[2]["waiting"])
 
 
 def test_an_unreadable_row_does_not_keep_it_from_starting(start, caller, glides, tmp_path):
@@ -459,8 +417,8 @@ def test_packages_that_are_not_installed(start, caller, glides):
 def test_a_cluster_without_its_package_stops_it_with_one_line(start):
     node = start("cluster:=local:2", first="import sys; sys.modules['distributed'] = None")
     assert node.wait() == 1
-    (told,) = [line for line in node.output.splitlines() if "error" in line]
-    assert "pip install distributed" in told
+    (reported,) = [line for line in node.output.splitlines() if "error" in line]
+    assert "pip install distributed" in reported
 
 
 def test_a_cluster_that_is_not_there(start, caller, glides):
@@ -510,14 +468,11 @@ def test_observations_of_the_topic_that_are_wrong_are_reported(start, caller, gl
     caller.spin_until(lambda: caller.observations.get_subscription_count() == 1)
     caller.observations.publish(broken)
 
-    def told():
-        return any(
-            "observation input" in status.name and "rejected" in status.message
-            for message in caller.diagnostics
-            for status in message.status
-        )
+    def is_reported():
+        found = status_of(caller, "observation input")
+        return found and "rejected" in found[1]
 
-    caller.spin_until(told)
+    caller.spin_until(is_reported)
     assert caller.call(Learn).result.value == ResultCode.NO_OBSERVATIONS
 
 
@@ -674,11 +629,8 @@ def test_a_search_that_was_killed_goes_on(start, caller, throws, tmp_path):
 
 def background_status(caller):
     """What the newest diagnostics say about learning in the background."""
-    for message in reversed(caller.diagnostics):
-        for status in message.status:
-            if status.name.endswith("learning in the background"):
-                return status.message
-    return ""
+    found = status_of(caller, "learning in the background")
+    return found[1] if found else ""
 
 
 def test_learns_in_the_background_as_observations_arrive(start, caller, throws, true_parameters):
@@ -734,16 +686,6 @@ def test_full_disk(start, caller, glides):
     assert caller.call(Learn, options=options).result.value == ResultCode.OK
 
 
-def status_of(caller, name):
-    """The newest level and message of a check, and its values."""
-    for message in reversed(caller.diagnostics):
-        for status in message.status:
-            if status.name == f"learner_node: {name}":
-                values = {pair.key: pair.value for pair in status.values}
-                return status.level, status.message, values
-    return None
-
-
 def level_of_room(caller):
     found = status_of(caller, "room for the database")
     return None if found is None else found[0]
@@ -786,8 +728,8 @@ def test_a_file_that_is_no_database_stops_it_with_one_line(start, tmp_path):
     garbage.write_bytes(os.urandom(5000))
     node = start(database=garbage)
     assert node.wait() == 1
-    (told,) = [line for line in node.output.splitlines() if "error" in line]
-    assert "is not an SQLite database" in told
+    (reported,) = [line for line in node.output.splitlines() if "error" in line]
+    assert "is not an SQLite database" in reported
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -186,7 +186,7 @@ def settings_given(name: str) -> Any:
     return settings_from_options(experiment.settings, options)
 
 
-def test_what_commands_leave_to_defaults_is_what_their_runs_had():
+def test_defaults_of_commands_are_those_of_their_runs():
     results = ROOT / "docs" / "results"
 
     curve = settings_given("learning-curve")

@@ -178,6 +178,6 @@ def test_perception_and_predictor_go_on_with_what_they_know(
         manager.spin_until(lambda: predictions, "predictions in it")
 
 
-def test_what_is_shut_down_stays_so(nodes: Nodes, manager: SuiteManager) -> None:
+def test_node_that_is_shut_down_stays_finalized(nodes: Nodes, manager: SuiteManager) -> None:
     manager.lead(PREDICTOR, "shutdown", "finalized")
     assert "Traceback" not in "".join(one.output for one in nodes.processes.values())

@@ -104,7 +104,7 @@ def test_every_key_is_known(package):
 
 
 @pytest.mark.parametrize("package", PYTHON_PACKAGES)
-def test_what_is_imported_from_outside_is_declared(package):
+def test_imported_packages_are_declared(package):
     imported = {name for _, syntax in syntax_of(package) for name in imported_packages(syntax)}
     outside = imported - set(sys.stdlib_module_names) - set(PACKAGES)
     needed = {KEY_OF_IMPORT.get(name, name) for name in outside - set(FROM_PIP)}
@@ -113,7 +113,7 @@ def test_what_is_imported_from_outside_is_declared(package):
 
 
 @pytest.mark.parametrize("package", PYTHON_PACKAGES)
-def test_what_comes_from_pip_is_named_in_the_manifest(package):
+def test_packages_from_pip_are_named_in_the_manifest(package):
     text = manifest(package).read_text(encoding="utf-8")
     for path, syntax in syntax_of(package):
         for name in {FROM_PIP[one] for one in imported_packages(syntax) & FROM_PIP.keys()}:

@@ -75,7 +75,7 @@ def unasked_in(text: str) -> list[str]:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_what_set_up_does_not_bring_is_asked_for(path):
+def test_imports_beyond_the_set_up_are_asked_for(path):
     found = unasked_in(path.read_text(encoding="utf-8"))
     assert not found, (
         f"{path}: {'; '.join(found)}; expected what make setup installs, or "
@@ -162,7 +162,7 @@ def run_pytest(folder: Path, *arguments: str) -> str:
     return done.stdout + done.stderr
 
 
-def test_what_lacks_its_needs_is_skipped_with_one_sentence(tmp_path):
+def test_test_without_its_needs_is_skipped_with_one_sentence(tmp_path):
     (tmp_path / "conftest.py").write_text(WITHOUT_UNICORN)
     (tmp_path / "test_made_up.py").write_text(MADE_UP)
     (tmp_path / "test_mixed.py").write_text(MIXED)

@@ -28,19 +28,19 @@ PROJECT = PYPROJECT["project"]
 WHEEL = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
 
 
-def test_it_has_all_packages_that_need_no_ros():
+def test_install_has_all_packages_without_ros():
     assert WHEEL["packages"] == [f"src/{name}/{name}" for name in WITHOUT_ROS]
     assert WHEEL["dev-mode-dirs"] == [f"src/{name}" for name in PYTHON_PACKAGES]
 
 
-def test_it_requires_what_they_require():
+def test_install_requires_the_requirements_of_the_packages():
     required = {one for name in WITHOUT_ROS for one in SETUPS[name]["install_requires"]}
     # Only ament asks for setuptools.
     assert PROJECT["dependencies"] == sorted(required - set(WITHOUT_ROS) - {"setuptools"})
     assert {SETUPS[name]["python_requires"] for name in WITHOUT_ROS} == {PROJECT["requires-python"]}
 
 
-def test_its_extras_are_theirs():
+def test_install_has_the_extras_of_the_packages():
     extras = defaultdict(set)
     for name in WITHOUT_ROS:
         for extra, required in SETUPS[name]["extras_require"].items():
@@ -48,7 +48,7 @@ def test_its_extras_are_theirs():
     assert PROJECT["optional-dependencies"] == {name: sorted(of) for name, of in extras.items()}
 
 
-def test_its_entry_points_are_theirs():
+def test_install_has_the_entry_points_of_the_packages():
     groups = defaultdict(dict)
     for name in WITHOUT_ROS:
         for group, lines in SETUPS[name].get("entry_points", {}).items():

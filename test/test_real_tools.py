@@ -115,7 +115,7 @@ def test_a_bad_argument_is_one_clear_line_and_starts_nothing(tmp_path, argument,
     assert launch.children == []
 
 
-def test_what_only_a_node_finds_out_ends_everything_with_one_sentence(tmp_path) -> None:
+def test_error_in_a_node_ends_everything_with_one_sentence(tmp_path) -> None:
     (tmp_path / "mine.yaml").write_text("/**/predictor_node:\n  ros__parameters: {rate: fast}\n")
     (tmp_path / "damaged.mcap").write_text("no bag")
     for argument, error in (
@@ -288,7 +288,7 @@ def test_a_bag_played_again_adds_nothing(home, bag) -> None:
     assert observations(home / "data" / "intuitive_physics" / "again" / "learner.sqlite3") == 2
 
 
-def test_a_wrong_clock_is_said(home, bag) -> None:
+def test_wrong_clock_is_logged(home, bag) -> None:
     """The stamps of a bag are old: without its clock nothing can be predicted."""
     arguments = [f"bag:={bag}", "camera:=generic", "use_sim_time:=false", "rate:=2"]
     with Ros2Process(home, *LAUNCH, *arguments) as launch:
@@ -386,7 +386,7 @@ def test_every_service_and_action_answers_the_command_line(home) -> None:
         assert launch.failed() == [], launch.output
 
 
-def test_a_search_tells_its_progress_and_is_cancelled(home) -> None:
+def test_search_gives_feedback_and_is_cancelled(home) -> None:
     name, kind = (
         "/busy/learner_node/learn_parameters",
         "intuitive_physics_msgs/action/LearnParameters",

@@ -59,7 +59,7 @@ def test_no_node_of_the_demo_wrote_a_traceback(demo):
         assert "Traceback" not in log.read_text(encoding="utf-8"), log
 
 
-def test_what_was_learned_outlives_the_learner(demo):
+def test_learned_parameters_outlive_the_learner(demo):
     """A learner that is killed and started again publishes what it had learned."""
     folder, _ = demo
     arguments = ["-p", f"database:={folder / 'learner.sqlite3'}", "-p", "online:=false"]

@@ -28,7 +28,7 @@ def refusal(check, *arguments) -> str:
     return text
 
 
-def test_what_is_a_bag_and_a_rate_is_as_the_replay_has_it():
+def test_bags_and_rates_are_those_of_the_replay():
     ranges = {one.name: one.range for one in replay_node.PARAMETERS}
     assert ranges["rate"] == RATES
     assert bag_reader.STORAGE_SUFFIXES == BAG_SUFFIXES
@@ -112,7 +112,7 @@ def test_namespaces_may_be_levels_of_the_file(tmp_path):
     ("text", "complaint"),
     [("a: [1", "cannot be read"), ("just words", "expected names of nodes"), ("a: 1", "key a,")],
 )
-def test_what_is_no_file_of_parameters_is_refused(tmp_path, text, complaint):
+def test_invalid_parameter_file_is_refused(tmp_path, text, complaint):
     path = tmp_path / "mine.yaml"
     path.write_text(text)
     assert complaint in refusal(check_parameter_file, str(path), "")

@@ -21,7 +21,7 @@ from intuitive_physics_bringup.connections import (
 )
 
 
-def test_the_default_is_this_machine_or_what_the_environment_says(monkeypatch):
+def test_default_discovery_is_this_machine_or_that_of_the_environment(monkeypatch):
     for name in (RANGE, PEERS):
         monkeypatch.delenv(name, raising=False)
     assert discovery_environment(default_range(), default_peers()) == {
@@ -43,7 +43,7 @@ def test_every_address_can_be_a_peer(addresses, wanted):
 
 
 @given(st.text())
-def test_what_is_no_list_of_addresses_is_refused_or_harmless(text):
+def test_invalid_peers_are_refused_or_harmless(text):
     try:
         peers = discovery_environment("localhost", text)[PEERS]
     except InvalidInputError:
@@ -61,13 +61,13 @@ def test_what_is_no_list_of_addresses_is_refused_or_harmless(text):
         ("system_default", "robot.local", "looks for none of them"),
     ],
 )
-def test_nonsense_is_refused(wanted, peers, complaint):
+def test_invalid_discovery_is_refused(wanted, peers, complaint):
     with pytest.raises(InvalidInputError, match=complaint):
         discovery_environment(wanted, peers)
 
 
 @pytest.mark.parametrize("wanted", RANGES)
-def test_ros_knows_every_range(wanted):
+def test_every_discovery_range_is_one_of_ros(wanted):
     """ROS says on standard error what it does not know of these variables."""
     done = subprocess.run(
         [sys.executable, "-c", "import rclpy; rclpy.init(); rclpy.create_node('any')"],

@@ -17,7 +17,7 @@ def running(*, respawn: bool) -> Failures:
 
 
 @pytest.mark.parametrize("respawn", [False, True])
-def test_what_cannot_start_ends_everything_with_its_own_sentence(respawn):
+def test_failed_start_ends_everything_with_its_own_sentence(respawn):
     followed = running(respawn=respawn)
     followed.heard("predictor_node-3", f"a warning\n{ERROR}")
     assert followed.ended("predictor_node-3", 1)
@@ -28,7 +28,7 @@ def test_what_cannot_start_ends_everything_with_its_own_sentence(respawn):
     assert followed.sentence == expected
 
 
-def test_what_dies_is_started_again_or_ends_everything():
+def test_dead_process_is_started_again_or_ends_everything():
     followed = running(respawn=True)
     assert not followed.ended("learner_node-2", -9)
     followed.started("learner_node-2")

@@ -95,6 +95,6 @@ def test_each_panel_has_the_fields_that_are_published(panel: str) -> None:
         ({"followingViewWidth": "ten"}, "Plot.followingViewWidth is 'ten', expected"),
     ],
 )
-def test_what_is_not_published_is_found(config: dict[str, Any], complaint: str) -> None:
+def test_unknown_field_of_a_panel_is_found(config: dict[str, Any], complaint: str) -> None:
     (found,) = complaints(layouts.PlotConfig, config, "Plot")
     assert found.startswith(complaint)

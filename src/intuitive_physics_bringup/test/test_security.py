@@ -59,7 +59,7 @@ def outside_actions(names: set[str]) -> set[str]:
     return {name for name in names if "/_action/" not in name}
 
 
-def test_the_file_says_what_the_code_does():
+def test_policy_file_agrees_with_the_code():
     expected = security_policies.policies()
     assert POLICY.read_text(encoding="utf-8") == expected, (
         "the nodes have changed: bring the policies up with "

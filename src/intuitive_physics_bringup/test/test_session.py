@@ -20,7 +20,7 @@ MADE = {
 
 @pytest.mark.parametrize("camera", CAMERAS)
 @pytest.mark.parametrize("color", [False, True])
-def test_what_perception_hears_is_recorded(camera, color):
+def test_inputs_of_perception_are_recorded(camera, color):
     inputs = CAMERAS[camera].topics(color=color)
     images = session_topics(CAMERAS[camera], color=color)
     heard = {"~/depth/image", "~/depth/camera_info", "~/imu"} | (

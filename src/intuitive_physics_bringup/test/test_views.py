@@ -71,7 +71,7 @@ def plotted() -> list[str]:
 
 
 @pytest.mark.parametrize("path", plotted())
-def test_what_is_plotted_is_a_number(path):
+def test_plotted_fields_are_numbers(path):
     topic, *fields = path.split(".")
     kind = MESSAGES[topic]
     definition = ""
@@ -93,7 +93,7 @@ def test_every_panel_of_the_layout_is_in_its_window():
     assert panels(LAYOUT["layout"]) == set(PANELS)
 
 
-def test_what_rviz_shows_exists():
+def test_topics_of_the_rviz_layout_exist():
     rviz = yaml.safe_load((PACKAGE / "rviz" / "intuitive_physics.rviz").read_text(encoding="utf-8"))
     displays = rviz["Visualization Manager"]["Displays"]
     kinds = [display["Class"].rpartition("/")[2] for display in displays]

@@ -228,7 +228,7 @@ def replace_spin(seen, spin):
 
 
 @pytest.mark.parametrize("begun", [0.0, 0.1])
-def test_what_the_surface_shows_in_one_flight_counts_once(begun):
+def test_spin_shown_in_one_flight_counts_once(begun):
     # Of the densities N(0, σ₀²) and N(ω + σ, σ²) the product has the variance 1 / (σ₀⁻² + σ⁻²),
     # however many frames say so, and whether the first state has it or not.
     start = ObjectState((0, 0, 1.5), linear_velocity=(1, 0, 1), angular_velocity=(6, -9, 4))
@@ -306,7 +306,7 @@ def test_a_hand_begins_a_new_estimate():
 FLYING = ObjectState((0, 0, 1.0), linear_velocity=(1, 0, 0))
 
 
-def test_a_spin_is_a_guess_until_the_motion_has_told_it():
+def test_spin_is_a_guess_until_a_bounce_shows_it():
     around = surroundings(friction=1.0)
     start = ObjectState((0, 0, 0.4), linear_velocity=(0.6, 0.2, -1.0), angular_velocity=(4, -7, 2))
     # The bounce is after 0.17 s.
@@ -329,7 +329,7 @@ def test_a_guess_is_as_wide_as_earlier_guesses_should_have_been(scale):
     assert states.spin_is_guess
 
 
-def test_a_spin_that_was_seen_is_no_guess():
+def test_perceived_spin_is_no_guess():
     around = surroundings()
     estimate = SceneEstimate(np.random.default_rng(0))
     for time, state, seen in seen_flight(around, FLYING, 6):
@@ -342,7 +342,7 @@ def test_a_spin_that_was_seen_is_no_guess():
     assert not states.spin_is_guess
 
 
-def test_what_rests_or_is_not_detected_is_left_to_perception():
+def test_resting_or_undetected_object_has_no_estimate():
     around = surroundings()
     estimate = ObjectEstimate(np.random.default_rng(0))
     for time, state, seen in seen_flight(around, FLYING, 6):
@@ -643,7 +643,7 @@ class LinearFit:
 
 
 @given(st.floats(0.0, 12.0), st.integers(0, 1000))
-def test_what_is_known_too_well_for_rounding_can_be_drawn(decades, seed):
+def test_samples_are_finite_where_an_unknown_is_very_certain(decades, seed):
     # Along a the variance is 1 / (1 + k²), across it 1. Rounding takes k² ε from H: from k = 10⁸ on
     # nothing is left of the prior, and H may have negative eigenvalues.
     rng = np.random.default_rng(seed)

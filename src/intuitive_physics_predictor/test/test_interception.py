@@ -50,7 +50,7 @@ def test_the_likelier_of_two_futures_and_never_the_middle():
     assert found.position[1] > 0.4
 
 
-def test_what_weighs_most_decides():
+def test_interception_is_of_the_heaviest_samples():
     paths = lines(np.zeros((2, 3)), [[1, -1, 0], [1, 1, 0]])
     heavy = distribution(paths, [0.9, 0.1])
     found = best_interception(heavy, "ball", box((0.8, 0, 0), 2.0), 0.1, earliest=0.5)
@@ -58,7 +58,7 @@ def test_what_weighs_most_decides():
     assert found.position[1] < -0.4
 
 
-def test_what_cannot_be_reached_is_chance_zero():
+def test_unreachable_object_has_probability_zero():
     found = best_interception(
         distribution(lines(np.zeros((3, 3)), np.ones((3, 3)))), "ball", box((-5, 0, 0), 1.0), 0.1
     )
@@ -67,7 +67,7 @@ def test_what_cannot_be_reached_is_chance_zero():
 
 @given(st.integers(0, 2**31), st.floats(0.02, 0.3), st.floats(0.0, 0.9))
 @settings(max_examples=40)
-def test_the_answer_is_what_it_says(seed, reach, earliest):
+def test_interception_has_the_stated_probability(seed, reach, earliest):
     # In the box, not before the earliest time, and that many samples are really within reach; the
     # position of any sample at any allowed time in the box would be no better.
     rng = np.random.default_rng(seed)

@@ -86,7 +86,7 @@ def test_states_from_just_ahead_of_the_clock_are_begun_from():
     np.testing.assert_allclose(made.distribution.mean[0, 0], [0, 0, 1], atol=2e-3)
 
 
-def test_it_can_begin_at_a_stamp_of_another_clock():
+def test_prediction_can_begin_at_a_stamp_of_another_clock():
     strange = replace(INPUTS, states=replace(STATES, stamp=5.0, delay=995.0))
     options = PredictionSettings(PredictionOptions(horizon=1.0, carry_forward=False))
     assert now(0.3, strange, options).start == 5.0

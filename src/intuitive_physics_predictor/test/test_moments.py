@@ -18,7 +18,7 @@ def drawn(seed, samples, shape, offset=0.0):
 
 @given(st.integers(0, 2**31), st.integers(1, 30), st.integers(1, 3), st.integers(1, 150))
 @settings(max_examples=40)
-def test_they_are_those_of_numpy(seed, samples, objects, times):
+def test_moments_are_those_of_numpy(seed, samples, objects, times):
     # Any number of points, so that blocks are whole and not.
     points, weights = drawn(seed, samples, (objects, times))
     mean, covariance = weighted_moments(points, weights)
@@ -56,7 +56,7 @@ def test_a_place_far_from_the_origin_costs_no_digits():
     np.testing.assert_allclose(far, near, atol=1e-8)
 
 
-def test_what_cannot_be_written_to_is_taken_too():
+def test_moments_of_read_only_and_strided_arrays():
     points, weights = drawn(1, 5, (2,))
     points.setflags(write=False)
     mean, _ = weighted_moments(points[:, ::-1], weights)

@@ -85,7 +85,7 @@ def test_chance_moves_no_scale():
     assert np.mean(kept) < 0.24 + 4.0 * 0.34 / np.sqrt(7)
 
 
-def test_one_outcome_cannot_be_told_from_chance():
+def test_one_outcome_moves_no_noise_scale():
     fit = fit_noise_scales(
         past(NoiseScales(state=3.0), 1), known_parameters(), sample_count=10, max_evaluations=8
     )
@@ -119,12 +119,12 @@ def test_scales_survive_being_written():
         ([1.0], "list"),
     ],
 )
-def test_what_are_no_scales_is_refused(data, says):
+def test_invalid_noise_scales_are_refused(data, says):
     with pytest.raises(InvalidInputError, match=says):
         NoiseScales.from_dict(data)
 
 
-def test_what_cannot_be_fitted_is_refused():
+def test_invalid_fit_of_noise_scales_is_refused():
     learned = known_parameters()
     with pytest.raises(InvalidInputError, match="0 outcomes"):
         fit_noise_scales([], learned)

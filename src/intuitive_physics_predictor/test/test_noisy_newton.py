@@ -232,7 +232,7 @@ def test_two_futures_stay_two():
     assert abs(distribution.mean[0, 1, 0]) < 0.1
 
 
-def test_what_cannot_be_predicted_is_refused():
+def test_invalid_prediction_is_refused():
     rng = np.random.default_rng(0)
     with pytest.raises(InvalidInputError, match="sample count"):
         predict(flying_scene(), THETA, [1.0], rng=rng, sample_count=0)

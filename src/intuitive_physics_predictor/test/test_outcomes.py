@@ -59,7 +59,7 @@ SCENE = Scene(
 )
 
 
-def test_errors_of_what_is_seen_have_the_covariance_of_their_point():
+def test_errors_of_detections_have_the_covariance_of_their_point():
     rng = np.random.default_rng(0)
     roots = rng.standard_normal((1, 2, 3, 3))
     covariances = roots @ roots.swapaxes(-1, -2)
@@ -73,7 +73,7 @@ def test_errors_of_what_is_seen_have_the_covariance_of_their_point():
     np.testing.assert_allclose(np.mean(seen, axis=0), 1.0, atol=0.1)
 
 
-def test_the_truth_is_seen_as_it_is_and_other_covariances_are_refused():
+def test_outcome_without_covariances_is_exact_and_wrong_shapes_are_refused():
     outcome = Outcome(SCENE, np.array([0.1]), np.zeros((1, 1, 3)))
     samples = np.ones((5, 1, 1, 3))
     assert outcome.seen(samples, np.random.default_rng(0)) is samples

@@ -117,7 +117,7 @@ def test_gap_has_the_truncated_normal_distribution(plane, deviations):
         assert kstest(states[:, part] / SIGMA, "norm").pvalue > ALIKE
 
 
-def test_what_is_correlated_with_the_gap_follows_it():
+def test_velocity_correlated_with_the_gap_follows_it():
     one = scene(
         Environment([FLOOR]),
         (BALL, (0, 0, RADIUS - 0.5 * SIGMA)),
@@ -172,7 +172,7 @@ def test_no_sample_is_inside(shape, height, below):
         assert not objects_inside(worlds, worlds.states[0]).any()
 
 
-def test_what_noise_does_not_explain_begins_at_the_surface():
+def test_mean_far_inside_begins_at_the_surface():
     for deviation in (SIGMA, 1e-7, 0.0):
         one = scene(CORNER, (BALL, (-HALF, 0, 0.3 * RADIUS)), covariance=deviation**2 * np.eye(12))
         states = drawn(one, 200).states[:, 0]

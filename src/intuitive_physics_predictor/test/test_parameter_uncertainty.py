@@ -69,7 +69,7 @@ def test_logarithmic_parameters_spread_in_proportion():
     )
 
 
-def test_what_was_not_identified_is_anywhere_within_its_bounds():
+def test_unidentified_parameters_are_uniform_within_their_bounds():
     density, values = draw(learned())
     for column, kind in ((ROLLING, "rolling_friction"), (RESTITUTION, "restitution")):
         bounds = DEFAULT_BOUNDS[kind]
@@ -132,7 +132,7 @@ def test_a_ratio_that_is_known_is_drawn_where_each_part_is_not():
         assert np.ptp(np.log(density[:, 1])) > 0.9 * np.log(160.0 / 4.0)
 
 
-def test_what_nothing_is_known_of_comes_as_near_as_is_asked():
+def test_unidentified_parameters_keep_the_given_share_of_their_bounds():
     given = with_deviation(0.2, "restitution[ball, floor]", restitution=0.5)
     for share in (0.0, 0.2):
         density, values = draw(given, unidentified=share)
@@ -210,7 +210,7 @@ def test_scales_that_are_no_scales_are_refused(options):
         UncertainParameters(learned(), **options)
 
 
-def test_what_was_drawn_last_is_kept_for_the_same_parameters():
+def test_pool_is_kept_for_the_same_parameters():
     given = with_deviation(0.1, "restitution[ball, floor]")
     first = NoiseScales().parameters(given)
     assert NoiseScales().parameters(given.extended(MATERIALS)) is first

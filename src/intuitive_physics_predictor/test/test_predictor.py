@@ -51,7 +51,7 @@ def assert_same(one, other):
 
 @given(st.integers(0, 3), st.integers(0, 3), st.integers(1, 3), st.booleans(), st.booleans())
 @settings(max_examples=30)
-def test_what_was_drawn_ahead_changes_no_prediction(seed, ahead, count, other_scene, noisy):
+def test_samples_drawn_ahead_change_no_prediction(seed, ahead, count, other_scene, noisy):
     # Drawn ahead or not, and of whatever: the same question has the same answer, to the bit.
     options = PredictionSettings(
         replace(OPTIONS, sample_count=count, size_scale=0.1 * noisy, impact_tilt_noise=0.1 * noisy)
@@ -64,7 +64,7 @@ def test_what_was_drawn_ahead_changes_no_prediction(seed, ahead, count, other_sc
     assert_same(predicted(after), predicted(alone))
 
 
-def test_what_was_drawn_ahead_is_not_drawn_again(monkeypatch):
+def test_samples_drawn_ahead_are_not_drawn_again(monkeypatch):
     predictor = Predictor(SETTINGS, 1, INPUTS)
     predictor.draw_ahead()
     drawn = []

@@ -107,7 +107,7 @@ def test_samples_all_alike_tell_all_or_nothing():
     assert highest_density_levels(alike, np.zeros(3)) == (0.9, 1.0)
 
 
-def test_what_has_no_score_is_refused():
+def test_invalid_samples_have_no_score():
     with pytest.raises(InvalidInputError, match="samples have shape"):
         energy_scores(np.zeros((4, 3)), np.zeros((2, 3)))
     with pytest.raises(InvalidInputError, match="1 samples"):

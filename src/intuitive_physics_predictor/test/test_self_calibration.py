@@ -103,7 +103,7 @@ def test_a_ball_that_is_caught_moves_it_little():
     assert calibration.factor("state").value < 1.25 * before
 
 
-def test_what_changes_is_followed():
+def test_factor_follows_a_change():
     calibration = SelfCalibration()
     rng = np.random.default_rng(4)
     outcomes(calibration, rng, 0.01, 0.01, 100)
@@ -113,7 +113,7 @@ def test_what_changes_is_followed():
 
 @settings(max_examples=20)
 @given(st.floats(1e-4, 1.0), st.floats(1e-4, 1.0), st.integers(0, 2**32 - 1))
-def test_it_stays_within_its_bounds(claimed, true, seed):
+def test_factor_stays_within_its_bounds(claimed, true, seed):
     calibration = SelfCalibration()
     outcomes(calibration, np.random.default_rng(seed), claimed, true, 3)
     for kind in ("state", "spin"):
@@ -122,7 +122,7 @@ def test_it_stays_within_its_bounds(claimed, true, seed):
         assert np.isfinite(found.error)
 
 
-def test_it_is_read_as_it_was_written():
+def test_calibration_survives_json():
     calibration = SelfCalibration()
     outcomes(calibration, np.random.default_rng(5), 0.01, 0.02, 20)
     text = json.dumps(calibration.to_dict())
@@ -143,7 +143,7 @@ def test_other_files_are_refused(data, message):
         SelfCalibration.from_dict(data)
 
 
-def test_it_is_kept_in_a_file(tmp_path):
+def test_calibration_is_kept_in_a_file(tmp_path):
     calibration = SelfCalibration()
     outcomes(calibration, np.random.default_rng(5), 0.01, 0.02, 20)
     path = tmp_path / "folder" / "calibration.json"

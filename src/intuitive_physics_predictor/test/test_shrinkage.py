@@ -38,7 +38,7 @@ def test_where_nothing_is_to_be_found_most_fits_go_nowhere():
 
 @given(GAINS, st.integers(1, 5), st.floats(1e-3, 1e3))
 @example(np.array([4e-160, 3e-160]), 1, 0.002)
-def test_it_is_a_share_whatever_the_unit_of_the_score(gains, numbers, unit):
+def test_share_does_not_depend_on_the_unit_of_the_score(gains, numbers, unit):
     share = share_beyond_chance(gains, numbers)
     assert 0.0 <= share <= 1.0
     assert share_beyond_chance(unit * gains, numbers) == pytest.approx(share, abs=1e-6)
@@ -46,16 +46,16 @@ def test_it_is_a_share_whatever_the_unit_of_the_score(gains, numbers, unit):
 
 
 @given(st.floats(1e-3, 1e3), st.integers(2, 30), st.integers(1, 5))
-def test_what_all_outcomes_gain_alike_is_no_chance(gain, count, numbers):
+def test_equal_gain_of_all_outcomes_is_kept(gain, count, numbers):
     assert share_beyond_chance(np.full(count, gain), numbers) == pytest.approx(1.0)
 
 
 @given(GAINS, st.integers(1, 5))
-def test_what_gained_nothing_is_left(gains, numbers):
+def test_fit_without_gain_is_dropped(gains, numbers):
     assert share_beyond_chance(-np.abs(gains), numbers) == 0.0
 
 
 @pytest.mark.parametrize(("gains", "numbers"), [([], 1), ([1.0], 0), ([np.nan, 1.0], 1)])
-def test_what_is_no_fit_is_refused(gains, numbers):
+def test_invalid_gains_are_refused(gains, numbers):
     with pytest.raises(InvalidInputError):
         share_beyond_chance(gains, numbers)

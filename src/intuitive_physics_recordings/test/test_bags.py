@@ -39,7 +39,7 @@ def read_all(path: Path) -> None:
             bag.decode(message)
 
 
-def test_what_is_written_is_read(tmp_path: Path) -> None:
+def test_depth_bag_is_read_as_it_was_written(tmp_path: Path) -> None:
     images = write_small(tmp_path / "bag")
     with BagReader(tmp_path / "bag") as bag:
         assert [(t.name, t.type, t.message_count) for t in bag.topics] == [

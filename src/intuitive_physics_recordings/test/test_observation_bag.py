@@ -196,7 +196,7 @@ def with_drag(seen: Observation) -> Observation:
         (no_change, "no/such/folder/a.mcap", "cannot write"),
     ],
 )
-def test_what_cannot_be_written(
+def test_observations_that_cannot_be_written_are_refused(
     change: Callable[[Observation], Observation], name: str, message: str, tmp_path: Path
 ) -> None:
     with pytest.raises(InvalidInputError, match=message):
@@ -204,7 +204,7 @@ def test_what_cannot_be_written(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_cannot_be_read(bag: Path) -> None:
+def test_observation_bags_that_cannot_be_read_are_refused(bag: Path) -> None:
     write_observation_bag([make_observation(k) for k in range(20)], bag)
     whole = bag.read_bytes()
     bag.write_bytes(whole[: len(whole) // 2])

@@ -80,9 +80,7 @@ def test_messages_keep_their_distances_at_any_rate(bag_path: Path, rate: float) 
 
 
 @pytest.mark.parametrize("rate", [0.5, 1.0, 10.0])
-def test_the_clock_tells_bag_time_at_most_a_hundred_times_a_second(
-    bag_path: Path, rate: float
-) -> None:
+def test_clock_has_bag_time_at_most_a_hundred_times_a_second(bag_path: Path, rate: float) -> None:
     stage = Stage()
     stage.play(bag_path, ReplaySettings(rate=rate))
     for wall, bag in stage.ticks:

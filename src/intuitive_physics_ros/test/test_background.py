@@ -43,7 +43,7 @@ def test_other_callbacks_go_on_until_the_work_is_done(node):
     background.stop()
 
 
-def test_what_the_work_raises_is_raised_where_it_is_awaited(node):
+def test_exception_of_the_work_is_raised_where_it_is_awaited(node):
     background, caught = Background(node), []
 
     def fail(stop):
@@ -93,7 +93,7 @@ def ask(node, background, work, answers, **options):
     timer = node.create_timer(0.01, on_timer, callback_group=ReentrantCallbackGroup())
 
 
-def test_work_that_takes_too_long_is_refused_and_told_to_stop(node):
+def test_work_that_takes_too_long_is_refused_and_stopped(node):
     background, answers, told = Background(node), [], threading.Event()
 
     def work(stop):
@@ -112,7 +112,7 @@ def test_work_that_takes_too_long_is_refused_and_told_to_stop(node):
     background.stop()
 
 
-def test_what_waits_behind_work_that_does_not_stop_is_answered_in_time(node):
+def test_request_behind_work_that_does_not_stop_is_answered_in_time(node):
     background, answers, release = Background(node), [], threading.Event()
     ask(node, background, lambda stop: release.wait(20.0), answers, time_limit=0.2)
     ask(node, background, lambda stop: "never begun", answers, time_limit=0.2)

@@ -27,7 +27,7 @@ def shown(covariance=None, samples=20, objects=2, times=101):
     return message.markers
 
 
-def test_what_was_shown_before_is_cleared_first():
+def test_earlier_markers_are_cleared_first():
     clearing, *rest = shown()
     assert clearing.action == Marker.DELETEALL
     assert all(marker.action == Marker.ADD for marker in rest)
@@ -49,7 +49,7 @@ def test_each_object_has_thin_samples_a_mean_and_ellipsoids():
         assert len({marker.id for marker in found}) == len(found)
 
 
-def test_what_is_not_finite_has_no_ellipsoid():
+def test_covariance_that_is_not_finite_has_no_ellipsoid():
     covariance = np.broadcast_to(np.eye(3) * 1e-4, (2, 101, 3, 3)).copy()
     covariance[1, 60:] = np.nan
     ellipsoids = [marker for marker in shown(covariance) if marker.ns == "covariance"]

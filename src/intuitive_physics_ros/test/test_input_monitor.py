@@ -66,7 +66,7 @@ def test_complaints_that_always_differ_are_no_flood(monitor, clock, log) -> None
     assert BURST <= len(log.lines) <= BURST + 30
 
 
-def test_an_input_that_is_good_again_says_so(monitor, clock, log) -> None:
+def test_input_that_is_good_again_is_logged(monitor, clock, log) -> None:
     monitor.rejected("it is broken")
     monitor.accepted()
     assert log.lines[-1] == "~/input is good again"

@@ -81,7 +81,7 @@ def manager():
         yield peer
 
 
-def test_it_starts_itself_unless_a_manager_does(start, manager):
+def test_autostart_activates_the_node(start, manager):
     process = start()
     manager.spin_until(lambda: manager.state("small") == "active", "the active state")
     output = end(process)
@@ -92,7 +92,7 @@ def test_it_starts_itself_unless_a_manager_does(start, manager):
     assert "waits to be configured" in end(process)
 
 
-def test_each_transition_is_answered_and_leads_where_the_standard_says(start, manager):
+def test_transitions_lead_to_the_states_of_the_standard(start, manager):
     process = start("-p", "autostart:=false")
     # Whether a label is allowed in a state, and where it leads, is a table: walked at random.
     random, state = np.random.default_rng(0), manager.state("small")
@@ -113,7 +113,7 @@ def test_each_transition_is_answered_and_leads_where_the_standard_says(start, ma
     assert "Traceback" not in output
 
 
-def test_only_what_is_active_hears_and_speaks_and_what_it_knows_stays(start, manager):
+def test_only_an_active_node_subscribes_and_publishes(start, manager):
     process = start()
     manager.spin_until(lambda: manager.state("small") == "active", "the active state")
     totals = manager.listen(Float64, "total")
@@ -202,7 +202,7 @@ def kernels_status(heard):
     return [s for message in heard for s in message.status if s.name == "small: kernels"]
 
 
-def test_what_compiles_answers_and_begins_when_it_is_done(start, manager, tmp_path):
+def test_node_answers_while_its_kernels_are_compiled(start, manager, tmp_path):
     done = tmp_path / "done"
     process = start("-p", "autostart:=false", environment={**os.environ, "COMPILED": str(done)})
     heard = manager.listen(DiagnosticArray, "/diagnostics")
@@ -230,7 +230,7 @@ def test_what_compiles_answers_and_begins_when_it_is_done(start, manager, tmp_pa
     assert "Traceback" not in output
 
 
-def test_what_compiles_ends_at_once(start, manager, tmp_path):
+def test_node_ends_while_its_kernels_are_compiled(start, manager, tmp_path):
     process = start(environment={**os.environ, "COMPILED": str(tmp_path / "never")})
     manager.spin_until(lambda: "compiling kernels" in process.output, "what is said")
     assert "Traceback" not in end(process)
@@ -250,7 +250,7 @@ def test_kernels_that_are_there_are_loaded_without_a_word(start, manager):
         ("bug", "configuring failed: ZeroDivisionError: 1 / 0", "unconfigured"),
     ],
 )
-def test_what_cannot_be_configured_can_be_mended(start, manager, fails, why, state):
+def test_failed_configuration_leaves_the_node_unconfigured(start, manager, fails, why, state):
     process = start("-p", "autostart:=false", "-p", f"fails:={fails}")
     assert not manager.change("small", "configure")
     assert manager.state("small") == state
@@ -260,7 +260,7 @@ def test_what_cannot_be_configured_can_be_mended(start, manager, fails, why, sta
 
 
 @pytest.mark.parametrize("fails", ["ours", "elsewhere"])
-def test_what_cannot_start_itself_leaves_the_middleware(monkeypatch, capsys, fails):
+def test_failed_start_leaves_the_middleware(monkeypatch, capsys, fails):
     destroyed = []
     destroy = AnsweringLifecycleNode.destroy_node
 
@@ -276,7 +276,7 @@ def test_what_cannot_start_itself_leaves_the_middleware(monkeypatch, capsys, fai
     assert "error: " in capsys.readouterr().err
 
 
-def test_what_cannot_start_itself_ends_with_one_line(start):
+def test_failed_start_ends_with_one_line(start):
     process = start("-p", "fails:=ours")
     assert process.wait(30.0) == 1
     output = process.output

@@ -137,7 +137,7 @@ def test_trajectories_keep_their_ends_and_the_number_of_points(n, n_times):
         np.testing.assert_array_equal(xyz(marker.points[-1]), paths[-1, -1])
 
 
-def test_what_is_not_finite_is_not_drawn():
+def test_points_that_are_not_finite_are_not_drawn():
     paths = np.zeros((1, 4, 3))
     paths[0, 2:] = np.nan
     assert len(trajectory_marker(paths, Header(), ColorRGBA()).points) == 2

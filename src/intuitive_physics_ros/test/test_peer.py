@@ -42,7 +42,7 @@ def test_a_call_is_repeated_until_it_is_answered(peer, monkeypatch, lost):
     assert len(requests) > lost
 
 
-def test_what_is_answered_is_asked_once_and_of_one_client(peer, monkeypatch):
+def test_answered_call_is_sent_once_by_one_client(peer, monkeypatch):
     monkeypatch.setattr(scripting, "REPEAT_AFTER", 60.0)
     requests = serve(peer, "/prompt", unanswered=0)
     answers = [peer.call(Trigger, "/prompt", Trigger.Request()) for _ in range(3)]

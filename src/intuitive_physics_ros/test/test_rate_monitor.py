@@ -25,7 +25,7 @@ def work(monitor, clock, rate):
         monitor.done(0.002)
 
 
-def test_before_the_first_and_while_it_waits_it_says_so():
+def test_waiting_is_reported_with_its_reason():
     monitor = RateMonitor("predicts", 100.0)
     assert monitor.check().message == "waits: not started yet"
     monitor.idle("the states are too old")
@@ -58,7 +58,7 @@ def test_ticks_without_anything_to_do_miss_no_rate(clock):
     assert monitor.check().level is Level.OK
 
 
-def test_what_was_left_out_is_counted_since_the_start():
+def test_left_out_ticks_are_counted_since_the_start():
     monitor = RateMonitor("predicts", 100.0)
     for count in (3, 0, 4):
         monitor.left_out(count)

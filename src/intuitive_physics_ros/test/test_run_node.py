@@ -99,7 +99,7 @@ def test_signal_while_its_module_is_imported(number, tmp_path):
 
 
 @pytest.mark.parametrize("place", ["start", "callback", "end"])
-def test_it_ends_whatever_it_is_doing(start, caller, place):
+def test_node_ends_at_any_moment(start, caller, place):
     node = start(*{"start": ["--endless-start"], "end": ["--slow-end"]}.get(place, []))
     if place == "start":
         node.wait_for("starting")
@@ -193,7 +193,7 @@ def test_whole_numbers_are_taken_for_doubles(start, caller):
     assert list(lengths.double_array_value) == [1.0, 2.0]
 
 
-def test_parameter_it_does_not_have_is_told(start):
+def test_unknown_parameter_is_logged(start):
     node = start("--ros-args", "-p", "ratte:=1.0")
     node.wait_for("parameter ratte was given, but this node has none of that name")
     assert node.stop(signal.SIGINT) == 0
@@ -299,7 +299,7 @@ def test_diagnostics_come_once_a_second_though_simulated_time_stands(start, call
     assert (times[5] - times[1]) / 4 > 0.5
 
 
-def test_second_node_of_the_same_name_is_told_by_both(start, caller):
+def test_second_node_of_the_same_name_is_reported_by_both(start, caller):
     levels = []
 
     def note(message):

@@ -60,7 +60,7 @@ def run(file, *arguments):
     return ChildProcess([str(file), *arguments], environment={**os.environ, "PYTHONPATH": path})
 
 
-def test_it_runs_the_node_of_its_name(executable):
+def test_executable_runs_the_node_of_its_name(executable):
     process = run(executable())
     assert process.wait(PATIENCE) == 3
     assert process.output == ""

@@ -144,7 +144,7 @@ def mean_of(message):
     return np.reshape(message.objects[0].mean, (-1, 3))
 
 
-def test_it_carries_what_it_is_fed_forward_to_now(peer, inputs):
+def test_states_are_carried_forward_to_now(peer, inputs):
     # States seen 0.2 s ago and more. Free flight of the mean from them: x = v t, z = z0 - g t²/2,
     # until the ball lands at 0.44 s; the times published count from the tick.
     heard = peer.listen(TrajectoryDistribution, "intuitive_physics/predictions", SENSOR_DATA)
@@ -180,7 +180,7 @@ def test_it_carries_what_it_is_fed_forward_to_now(peer, inputs):
     assert {"samples", "mean", "covariance"} <= {m.ns for m in markers[-1].markers}
 
 
-def test_it_stops_when_its_input_stops_and_goes_on_with_it(peer, inputs, node):
+def test_predictions_stop_and_start_with_the_object_states(peer, inputs, node):
     heard = peer.listen(TrajectoryDistribution, "intuitive_physics/predictions", SENSOR_DATA)
     diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
     feed_until(peer, lambda: heard, "a prediction")
@@ -205,7 +205,7 @@ def test_it_stops_when_its_input_stops_and_goes_on_with_it(peer, inputs, node):
         ({"frame_id": "moon"}, "expected 'lab'"),
     ],
 )
-def test_what_cannot_be_predicted_from_is_told_and_nothing_published(peer, inputs, changes, reason):
+def test_unusable_states_are_reported_and_nothing_is_published(peer, inputs, changes, reason):
     heard = peer.listen(TrajectoryDistribution, "intuitive_physics/predictions", SENSOR_DATA)
     feed_until(peer, lambda: heard, "a prediction")
     diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
@@ -226,7 +226,7 @@ def set_parameters(peer, **values):
     return peer.call(SetParameters, f"{NODE}/set_parameters", request).results
 
 
-def test_everything_may_be_set_while_it_runs(peer, inputs):
+def test_all_parameters_may_be_set_while_the_node_runs(peer, inputs):
     names = peer.call(ListParameters, f"{NODE}/list_parameters", ListParameters.Request())
     of_ros = {"use_sim_time", "start_type_description_service"}
     own = [
@@ -244,7 +244,7 @@ def test_everything_may_be_set_while_it_runs(peer, inputs):
         assert number == bool(one.integer_range or one.floating_point_range), one.name
 
 
-def test_what_is_set_counts_from_the_next_prediction(peer, inputs):
+def test_parameters_count_from_the_next_prediction(peer, inputs):
     heard = peer.listen(TrajectoryDistribution, "intuitive_physics/predictions", SENSOR_DATA)
     feed_until(peer, lambda: heard, "a prediction")
     try:
@@ -274,7 +274,7 @@ def test_what_is_set_counts_from_the_next_prediction(peer, inputs):
         ({"simulator": "crystal_ball"}, "simulator"),
     ],
 )
-def test_parameters_that_cannot_be_are_refused_and_change_nothing(peer, values, word):
+def test_invalid_parameters_are_refused_and_change_nothing(peer, values, word):
     request = SetParametersAtomically.Request(
         parameters=[
             Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
@@ -286,7 +286,7 @@ def test_parameters_that_cannot_be_are_refused_and_change_nothing(peer, values, 
     assert word in answer.reason
 
 
-def test_a_tick_that_comes_too_late_is_left_out_and_told():
+def test_late_tick_is_left_out_and_reported():
     # A prediction of 400 boxes 5 s ahead takes far longer than 10 ms.
     arguments = ["-p", "sample_count:=400", "-p", "simulator:=stepped", "-r", "__node:=slow"]
     with NodeProcess(MODULE, arguments) as node, Peer("tester") as peer:
@@ -336,7 +336,7 @@ def test_predict_answers_boxes_too(peer):
     np.testing.assert_allclose(mean_of(answer.distribution)[2], truth, atol=0.003)
 
 
-def test_what_the_chosen_engine_cannot_simulate_is_refused():
+def test_scene_unsupported_by_the_engine_is_refused():
     arguments = ["-p", "simulator:=event_driven", "-r", "__node:=spheres_only"]
     objects = states_message((BOX,)).objects
     with NodeProcess(MODULE, arguments) as node, Peer("tester") as peer:
@@ -492,7 +492,7 @@ def test_queries(peer, fed, fields, chance, when):
         assert np.mean(answer.times) + age == pytest.approx(when, abs=0.015)
 
 
-def test_it_says_where_to_catch(peer, fed):
+def test_query_of_interception_gives_place_and_time(peer, fed):
     # Within a box on its way down.
     answer, _ = query_of_new_state(
         peer,
@@ -570,7 +570,7 @@ FAST = ObjectState((0, 0, 100.0), (0, 0, 0, 1), (1e307, 0, 0), (0, 0, 0), COVARI
 """Where it is after 1 s is still a number that float64 holds; after 18 s it is none."""
 
 
-def test_a_question_beyond_what_can_be_simulated_is_told(peer, inputs):
+def test_query_that_cannot_be_simulated_is_refused(peer, inputs):
     heard = peer.listen(TrajectoryDistribution, "intuitive_physics/predictions", SENSOR_DATA)
     make = partial(states_message, states=(FAST,))
 
@@ -586,7 +586,7 @@ def test_a_question_beyond_what_can_be_simulated_is_told(peer, inputs):
     assert "none of 20 samples could be simulated to the end" in far.result.message
 
 
-def test_a_defect_of_ours_is_an_internal_error_and_the_service_goes_on(peer):
+def test_unexpected_exception_is_an_internal_error_and_the_service_goes_on(peer):
     # No request should lead to it. A prediction that is none stands for a defect; the service is
     # the node's, in this process.
     ticks = SimpleNamespace(snapshot=Snapshot(Inputs(), SETTINGS, object()))
@@ -628,7 +628,7 @@ def test_a_request_without_environment_before_any_was_heard():
     assert "no environment" in answer.result.message
 
 
-def test_a_query_without_a_prediction_says_so(peer):
+def test_query_without_a_prediction_is_not_ready(peer):
     def refused():
         answer = query(peer, event=Query.Request.FALLS_BELOW, object_id="ball", height=0.0)
         return answer if answer.result.value == ResultCode.NOT_READY else None
@@ -637,7 +637,7 @@ def test_a_query_without_a_prediction_says_so(peer):
     assert "nothing is predicted" in answer.result.message
 
 
-def test_a_second_node_of_the_same_name_is_told(peer, node):
+def test_second_node_of_the_same_name_is_reported(peer, node):
     diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
     with NodeProcess(MODULE) as second:
         peer.spin_until(
@@ -650,7 +650,7 @@ def test_a_second_node_of_the_same_name_is_told(peer, node):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_it_ends_clean(number):
+def test_predictor_node_ends_clean(number):
     process = NodeProcess(MODULE, ["-r", "__node:=other_predictor"])
     with Peer("watcher") as peer:
         peer.spin_until(
@@ -684,7 +684,7 @@ def test_quality_of_service_is_a_parameter():
     assert "Traceback" not in process.output
 
 
-def test_it_publishes_where_objects_are_by_all_that_was_seen(peer, inputs):
+def test_estimated_states_are_published(peer, inputs):
     # In free flight, detected to 1 mm at 30 Hz: the speed becomes known better than the 10 mm/s
     # that each message alone says.
     heard = peer.listen(ObjectStates, f"{NODE}/estimated_states", SENSOR_DATA)
@@ -725,7 +725,7 @@ compilation.warm_up = warm_up
 """In place of a cache without kernels: compiles until a file appears."""
 
 
-def test_while_its_kernels_are_compiled_it_answers_and_refuses_what_needs_them(tmp_path):
+def test_requests_are_refused_while_kernels_are_compiled(tmp_path):
     done = tmp_path / "done"
     arguments = ["-r", "__ns:=/cold"]
     with (

@@ -118,13 +118,13 @@ def test_a_prediction_has_a_deadline_and_the_next_one_is_answered(node, peer):
         ),
     ],
 )
-def test_what_is_too_large_is_refused_at_once(node, peer, changes, words):
+def test_too_large_request_is_refused_at_once(node, peer, changes, words):
     result = ask(peer, **changes).result
     assert result.value == ResultCode.INVALID_INPUT
     assert words in result.message
 
 
-def test_it_ends_in_the_midst_of_a_prediction():
+def test_node_ends_during_a_prediction():
     with NodeProcess(MODULE) as node, Peer("tester", timeout=60.0) as peer:
         assert ask(peer, sample_count=20).result.value == ResultCode.OK
         peer.send(Predict, PREDICT, endless())

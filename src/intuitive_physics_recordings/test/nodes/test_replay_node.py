@@ -112,7 +112,7 @@ def test_latched_topics_reach_late_subscribers_and_unknown_types_are_skipped(
 
 
 @pytest.mark.parametrize(("inputs", "left_out"), [("true", True), ("false", False)])
-def test_what_is_made_again_from_a_recorded_session_is_left_out(
+def test_results_in_a_recorded_session_are_left_out(
     tmp_path: Path, inputs: str, left_out: bool
 ) -> None:
     typestore = get_typestore(Stores.ROS2_JAZZY)

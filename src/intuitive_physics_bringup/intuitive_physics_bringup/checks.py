@@ -24,19 +24,9 @@ BAG_SUFFIXES = (".mcap", ".db3", ".bag")
 
 
 def check_names(words: Sequence[str], file: str, arguments: Collection[str]) -> None:
-    """Refuse arguments that a launch file does not have, which `ros2 launch` would pass over.
+    """Refuse arguments that a launch file does not have, which `ros2 launch` would ignore.
 
-    Parameters
-    ----------
-    words : of the command line
-    file : name of the launch file. Where another one includes it the words are not for it alone,
-        and whatever they are is taken
-    arguments : that it has
-
-    Raises
-    ------
-    InvalidInputError
-        When one of the words sets another argument.
+    Where another launch file includes `file`, the words are not for it alone and all are accepted.
     """
     if not any(Path(word).name == file for word in words):
         return
@@ -51,13 +41,7 @@ def check_names(words: Sequence[str], file: str, arguments: Collection[str]) -> 
 
 
 def check_rate(text: str) -> None:
-    """Refuse a rate that no bag can be replayed at.
-
-    Raises
-    ------
-    InvalidInputError
-        When it is not a number within `RATES`.
-    """
+    """Refuse a rate that is not a number within `RATES`."""
     least, most = RATES
     try:
         is_good = least <= float(text) <= most
@@ -68,13 +52,7 @@ def check_rate(text: str) -> None:
 
 
 def check_bag(path: str) -> None:
-    """Refuse what is no bag; an empty path stands for none.
-
-    Raises
-    ------
-    InvalidInputError
-        When it is neither a folder with metadata nor a file that ends as bags do.
-    """
+    """Refuse a path that is neither a folder with metadata nor a bag's file; empty: no bag."""
     if not path:
         return
     bag = Path(path)
@@ -91,17 +69,9 @@ def check_bag(path: str) -> None:
 
 
 def check_parameter_file(path: str, prefix: str) -> None:
-    """Refuse a file of parameters that cannot be read, or has some that would count for nothing.
+    """Refuse a YAML file that cannot be read, or has a key that matches none of the nodes.
 
-    Parameters
-    ----------
-    path : of the YAML file
-    prefix : namespace of the nodes with a slash before it; empty: none
-
-    Raises
-    ------
-    InvalidInputError
-        When it is no such file, or a key in it matches none of the nodes.
+    `prefix` is the namespace of the nodes with a slash before it; empty: none.
     """
     try:
         parameters = yaml.safe_load(Path(path).read_text(encoding="utf-8"))

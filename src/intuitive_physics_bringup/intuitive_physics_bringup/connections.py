@@ -75,12 +75,7 @@ TRANSPORTS = {"~/depth/image": "/compressedDepth", "~/color/image": "/compressed
 
 
 def with_compressed(topics: Mapping[str, str]) -> dict[str, str]:
-    """Return the topic for each input, and those of the same images compressed.
-
-    Parameters
-    ----------
-    topics : of `Camera.topics`, or others by the same names
-    """
+    """Return the topic for each input, and those of the same images compressed."""
     compressed = {name + below: topics[name] + below for name, below in TRANSPORTS.items()}
     return {**topics, **compressed}
 
@@ -123,15 +118,10 @@ suite have them."""
 
 
 def clock_rules(prefix: str, *, replayed: bool) -> list[tuple[str, str]]:
-    """Return the remapping rules for simulated time.
+    """Return the remapping rules for simulated time below a namespace.
 
     A bag's replay has a clock below the namespace, so that each robot's bag has its own; the clock
     of a simulator is one for all.
-
-    Parameters
-    ----------
-    prefix : namespace with a slash before it; empty: none
-    replayed : whether time is that of a bag which is replayed
     """
     return [("/clock", f"{prefix}/clock")] if prefix and replayed else []
 

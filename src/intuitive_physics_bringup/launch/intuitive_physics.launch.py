@@ -172,13 +172,7 @@ def follow(failures: Failures) -> list[Action]:
 
 
 def check(given: Mapping[str, str]) -> None:
-    """Refuse arguments that cannot be, in one line.
-
-    Raises
-    ------
-    InvalidInputError
-        When one of them is not what it must be.
-    """
+    """Refuse invalid arguments in one line."""
     _expect(given, "namespace", NAMESPACE.fullmatch, "letters, digits and _, parts divided by /")
     _expect(given, "camera", CAMERAS.__contains__, f"one of {', '.join(CAMERAS)}")
     _expect(given, "log_level", LOG_LEVELS.__contains__, f"one of {', '.join(LOG_LEVELS)}")
@@ -315,13 +309,7 @@ def uses_sim_time(given: Mapping[str, str]) -> bool:
 
 
 def as_bool(name: str, text: str) -> bool:
-    """Return what an argument says.
-
-    Raises
-    ------
-    InvalidInputError
-        When it is neither true nor false.
-    """
+    """Return an argument as a bool; InvalidInputError when it is neither true nor false."""
     value = {"true": True, "1": True, "false": False, "0": False}.get(text.lower())
     if value is None:
         raise InvalidInputError(f"{name} is {text!r}; expected true or false")

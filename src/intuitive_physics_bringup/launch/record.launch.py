@@ -75,13 +75,7 @@ def disk_watch(output: Path, *, was_low: bool = False) -> list[Action]:
 
 
 def check(given: Mapping[str, str]) -> None:
-    """Refuse arguments that cannot be, and a machine without rosbag2, in one line.
-
-    Raises
-    ------
-    InvalidInputError
-        When one of them is not what it must be.
-    """
+    """Refuse invalid arguments, and a machine without rosbag2, in one line."""
     if Path(given["output"]).exists():
         raise InvalidInputError(f"output is {given['output']!r}; expected a folder to be made")
     if given["camera"] not in CAMERAS:

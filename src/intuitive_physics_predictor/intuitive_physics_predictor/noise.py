@@ -178,16 +178,9 @@ class StateSpread:
 def draw_sizes(
     shape: tuple[int, int], deviation: float, rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Draw factors on the dimensions of objects, log-normal, so that none is below zero.
+    """Draw factors (count, n_objects) on the dimensions, log-normal, so that none is below zero.
 
-    Parameters
-    ----------
-    shape : (count, n_objects)
-    deviation : relative standard deviation of a dimension
-
-    Returns
-    -------
-    (count, n_objects)
+    `shape` is that of the result, `deviation` the relative standard deviation of a dimension.
     """
     return np.exp(non_negative_float(deviation, "size noise") * rng.standard_normal(shape))
 

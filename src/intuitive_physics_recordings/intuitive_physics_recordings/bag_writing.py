@@ -31,13 +31,7 @@ def mcap_writer(path: Path) -> Writer:
 
 
 def offered_qos(depth: int, *, transient_local: bool = False) -> Qos:
-    """Return a reliable quality of service for a topic of a bag.
-
-    Parameters
-    ----------
-    depth : messages kept for subscribers
-    transient_local : whether those who subscribe late get them too
-    """
+    """Return a reliable quality of service that keeps `depth` messages for subscribers."""
     durability = QosDurability.TRANSIENT_LOCAL if transient_local else QosDurability.VOLATILE
     return Qos(
         QosHistory.KEEP_LAST,

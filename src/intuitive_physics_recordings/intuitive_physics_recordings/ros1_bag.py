@@ -98,13 +98,7 @@ class Ros1Reader:
     def messages(
         self, connections: Sequence[Connection], start: int
     ) -> Iterator[tuple[Connection, int, memoryview]]:
-        """Yield messages as bytes of CDR in order of time.
-
-        Parameters
-        ----------
-        connections : some of the reader's, at least one
-        start : ns since the epoch, before which messages are left out
-        """
+        """Yield messages from a time (ns since the epoch) on as bytes of CDR, in order of time."""
         asked = {one.id: one for one in connections}
         recorded = [self._recorded[number] for number in asked]
         for connection, time, data in self._reader.messages(recorded, start=start):
@@ -141,19 +135,7 @@ def _as_ros2(message: Any, name: str, types: Typestore) -> Any:
 
 
 def unpacked(unpacker: Callable[[], Any], path: Path, data: bytes) -> bytes:
-    """Unpack a chunk of a bag, and refuse it once there is more than the limit allows.
-
-    Parameters
-    ----------
-    unpacker : makes what unpacks in pieces
-    path : of the bag
-    data : of the chunk
-
-    Raises
-    ------
-    InvalidInputError
-        When it is too large, or was cut short.
-    """
+    """Unpack a chunk of a bag piece by piece; refuse it when it is too large or cut short."""
     unpack, pieces, size = unpacker(), [], 0
     while not unpack.eof:
         piece = unpack.decompress(data, PIECE)

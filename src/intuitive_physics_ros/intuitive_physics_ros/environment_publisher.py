@@ -96,11 +96,7 @@ def transform_from_parent(
 ) -> TransformStamped:
     """Return the transform that hangs a frame below one that may have a parent itself.
 
-    Parameters
-    ----------
-    frame_id : of the frame
-    parent : header in the frame above it, such as the camera's
-    parent_pose : of that frame, in this one
+    `parent_pose` is the pose of the upper frame in this one.
     """
     inverse = parent_pose.inverse
     transform = TransformStamped(header=parent, child_frame_id=frame_id)

@@ -61,16 +61,9 @@ class Modes:
 
 
 def misfit(standard: NDArray[np.float64], residuals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the negative logarithm of the posterior, ½ |ξ|² + ½ |r|².
+    """Return the negative logarithm of the posterior, ½ |ξ|² + ½ |r|², (count,).
 
-    Parameters
-    ----------
-    standard : (count, n) ξ
-    residuals : (count, rows) r
-
-    Returns
-    -------
-    (count,)
+    standard (count, n) is ξ, residuals (count, rows) is r.
     """
     return np.asarray(0.5 * (standard**2).sum(axis=1) + 0.5 * (residuals**2).sum(axis=1))
 
@@ -78,13 +71,9 @@ def misfit(standard: NDArray[np.float64], residuals: NDArray[np.float64]) -> NDA
 def find_modes(
     fit: TrajectoryFit, starts: NDArray[np.float64], steps: NDArray[np.float64]
 ) -> Modes:
-    """Descend from several starts at once, and keep the minima that explain what was seen.
+    """Descend from starts (m, n) at once, and keep the minima that explain the detections.
 
-    Parameters
-    ----------
-    fit : with one detection at least
-    starts : (m, n)
-    steps : (m, n, n), of each start n differences by which derivatives are taken
+    The derivatives at each start are taken over its n differences steps (m, n, n).
     """
     centres = starts
     for _ in range(ITERATIONS):
@@ -102,18 +91,11 @@ def find_modes(
 
 
 def derivative_steps(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the differences by which derivatives are taken: along the posterior's own axes.
+    """Return the differences (m, n, n), one a row, over which derivatives are taken.
 
-    Along a single unknown a step would be as long as the least certain combination it is part of:
-    the uncertainty of the spin about a bounce's normal would set the step of well-known spins.
-
-    Parameters
-    ----------
-    information : (m, n, n)
-
-    Returns
-    -------
-    (m, n, n), one difference a row
+    They lie along the axes of the posterior with information (m, n, n). Along a single unknown a
+    step would be as long as the least certain combination it is part of: the uncertainty of the
+    spin about a bounce's normal would set the step of well-known spins.
     """
     deviations, axes = principal_deviations(information)
     return np.asarray(STEP_SHARE * (axes * deviations[:, None]).swapaxes(1, 2))
@@ -122,16 +104,9 @@ def derivative_steps(information: NDArray[np.float64]) -> NDArray[np.float64]:
 def principal_deviations(
     information: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the standard deviations along the posterior's axes, and these axes.
+    """Return the standard deviations (m, n) along the posterior's axes, and these (m, n, n).
 
-    Parameters
-    ----------
-    information : (m, n, n) H
-
-    Returns
-    -------
-    deviations : (m, n)
-    axes : (m, n, n), one unit vector a column
+    The posterior has the information (m, n, n); its axes are unit vectors, one a column.
     """
     precisions, axes = np.linalg.eigh(information)
     # The prior alone has the precision 1: what is below it is rounding, where another unknown is

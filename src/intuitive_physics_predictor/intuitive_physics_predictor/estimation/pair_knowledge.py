@@ -46,12 +46,9 @@ class PairKnowledge:
 
     @staticmethod
     def of(uncertain: UncertainParameters, world: WorldBatch) -> PairKnowledge:
-        """Return the prior for the one sphere of a world.
+        """Return the prior for the one sphere of a world, a batch of one.
 
-        Parameters
-        ----------
-        uncertain : θ_s of at least the world's materials, in their order
-        world : a batch of one
+        `uncertain` has at least the materials of the world, in their order.
         """
         material = int(world.object_materials[0, 0])
         surfaces = [
@@ -77,12 +74,9 @@ class PairKnowledge:
         return ParameterSpace(("any",), self.bounds)
 
     def tables(self, world: WorldBatch, units: NDArray[np.float64]) -> dict[str, Any]:
-        """Return the fields of a batch whose worlds have each their own parameters.
+        """Return the fields of a batch with parameters of its own for each world.
 
-        Parameters
-        ----------
-        world : has all other parameters
-        units : (count, p), clipped to the unit cube
+        They are units (count, p), clipped to the unit cube; all others are those of `world`.
         """
         count = len(units)
         density = np.repeat(world.density, count, axis=0)
@@ -100,13 +94,10 @@ class PairKnowledge:
         density: NDArray[np.float64],
         coefficients: NDArray[np.float64],
     ) -> None:
-        """Write parameters into tables.
+        """Write parameters units (count, p), clipped to the unit cube, into tables.
 
-        Parameters
-        ----------
-        units : (count, p), clipped to the unit cube
-        density : (count, m) kg/m³, changed
-        coefficients : (count, 4, m, m), as `StaticParameters.coefficients`, changed
+        These are density (count, m) kg/m³ and coefficients (count, 4, m, m), as those of
+        `StaticParameters`.
         """
         pairs = len(self.others)
         # The cube of a single material is its density and the coefficients with itself.

@@ -82,13 +82,9 @@ class TrajectoryFit:
     def add(
         self, time: float, position: NDArray[np.float64], covariance: NDArray[np.float64]
     ) -> None:
-        """Take a detection.
+        """Take a detection at a time (s), later than those before.
 
-        Parameters
-        ----------
-        time : s, later than those before
-        position : (3,) m
-        covariance : (3, 3) m², of the error that no other detection shares
+        It has position (3,) m and covariance (3, 3) m² of the error that it shares with no other.
         """
         whitening = np.linalg.inv(np.linalg.cholesky(CORRELATION * covariance))
         self._times = np.append(self._times, time - self.begin)
@@ -98,10 +94,7 @@ class TrajectoryFit:
     def see_spin(self, spin: SeenSpin, time: float) -> None:
         """Take a spin that the surface shows, in place of an earlier one of the same flight.
 
-        Parameters
-        ----------
-        spin : as seen
-        time : s, of the newest frame that it is from
+        `time`, s, is that of the newest frame that it is from.
         """
         if self._spins and spin.since <= self._spins[-1].until:
             del self._spins[-1]
@@ -111,15 +104,9 @@ class TrajectoryFit:
         self._spins.append(FlightSpin(spin.mean, whitening, max(middle, INSTANT), time))
 
     def residuals(self, standard: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return simulated minus observed values, in standard deviations of the noise.
+        """Return simulated minus observed values (count, 3 k), in standard deviations of the noise.
 
-        Parameters
-        ----------
-        standard : (count, n) standard normal vectors of the unknowns
-
-        Returns
-        -------
-        (count, 3 k) for spins first, then for detections, in their order
+        Spins come first, then detections, for unknowns standard (count, n).
         """
         values = self.unknowns.values(standard)
         return self._residuals(values, self._simulated(values, np.empty(0)))
@@ -127,17 +114,9 @@ class TrajectoryFit:
     def residuals_and_states(
         self, standard: NDArray[np.float64], time: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the residuals, and the unknowns with the motion carried on to a time.
+        """Return residuals (count, 3 k), and unknowns (count, 12 + p) carried on to a time (s).
 
-        Parameters
-        ----------
-        standard : (count, n)
-        time : s, not before the newest detection
-
-        Returns
-        -------
-        residuals : (count, 3 k)
-        values : (count, 12 + p)
+        The unknowns begin at standard (count, n); the time is not before the newest detection.
         """
         values = self.unknowns.values(standard)
         instants = time - self.begin + INSTANT * np.arange(3.0)
@@ -208,12 +187,7 @@ class SimulatedMotions:
     orientations: NDArray[np.float64]
 
     def positions(self, at: NDArray[np.float64] | float) -> NDArray[np.float64]:
-        """Return positions (count, …, 3) m.
-
-        Parameters
-        ----------
-        at : (…) some of the times, s
-        """
+        """Return positions (count, …, 3) m at (…,) some of the times, s."""
         return np.asarray(self.path[:, np.searchsorted(self.times, at)])
 
     def turn(self, before: float, after: float) -> NDArray[np.float64]:

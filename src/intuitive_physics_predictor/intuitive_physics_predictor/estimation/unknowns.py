@@ -50,13 +50,9 @@ class Unknowns:
     def of_moments(
         mean: NDArray[np.float64], covariance: NDArray[np.float64], parameters: PairKnowledge
     ) -> Unknowns:
-        """Return the prior whose kinematic part has these moments.
+        """Return the prior with mean (12,) and covariance (12, 12) of x, v, ω and b.
 
-        Parameters
-        ----------
-        mean : (12,) x, v, ω, b
-        covariance : (12, 12)
-        parameters : independent of them
+        The parameters are independent of these.
         """
         count = len(parameters.mean)
         whole = np.zeros((KINEMATIC + count,) * 2)
@@ -72,15 +68,9 @@ class Unknowns:
     def of_state(
         state: ObjectState, bias: NDArray[np.float64], parameters: PairKnowledge
     ) -> Unknowns:
-        """Return the prior of an object that was perceived.
+        """Return the prior of a perceived object, where bias (3, 3) m² is the covariance of b.
 
         The perceived position is x + b + e: the offset is part of its covariance.
-
-        Parameters
-        ----------
-        state : as perceived
-        bias : (3, 3) m², covariance of b
-        parameters : as known
         """
         rows = np.r_[POSITION, LINEAR_VELOCITY, ANGULAR_VELOCITY]
         covariance = np.zeros((KINEMATIC, KINEMATIC))
@@ -100,26 +90,14 @@ class Unknowns:
         return self.root.shape[1]
 
     def values(self, standard: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the unknowns of standard normal vectors.
+        """Return the unknowns (count, 12 + p) of standard (count, n) normal vectors.
 
-        Parameters
-        ----------
-        standard : (count, n)
-
-        Returns
-        -------
-        (count, 12 + p) in SI units, the parameters on the unit cube
+        They are in SI units, the parameters on the unit cube.
         """
         return np.asarray(self.mean + standard @ self.root.T)
 
     def worlds(self, copies: WorldBatch, values: NDArray[np.float64]) -> WorldBatch:
-        """Return copies of a world with one sphere that start from these unknowns.
-
-        Parameters
-        ----------
-        copies : `count` worlds that are alike
-        values : (count, 12 + p)
-        """
+        """Return copies of a world with one sphere that start from values (count, 12 + p)."""
         count = len(values)
         states = np.zeros((count, 1, 13))
         states[:, 0, 6] = 1.0

@@ -86,11 +86,9 @@ class WeightedStates:
         return float(1.0 / (self.weights @ self.weights))
 
     def where(self, possible: NDArray[np.bool_]) -> WeightedStates:
-        """Return the distribution given that only some of the samples can be.
+        """Return the distribution of the possible (count,) samples alone.
 
-        Parameters
-        ----------
-        possible : (count,) which; with too few of them the distribution is as it was
+        With too few of them it stays as it is.
         """
         weights = self.weights * possible
         total = weights.sum()
@@ -107,18 +105,10 @@ class WeightedStates:
     def draw(
         self, count: int, noise: StateNoise, rng: np.random.Generator
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Draw motions, and the parameters that go with each.
+        """Draw motions (count, 9): position, velocity, spin; and their parameters (count, p).
 
-        Parameters
-        ----------
-        count : samples
-        noise : whose factors stretch the samples about their mean, and whose fixed part is added
-        rng : of the draws
-
-        Returns
-        -------
-        motions : (count, 9) position, velocity and spin
-        units : (count, p) parameters on the unit cube
+        The factors of the noise stretch the samples about their mean; its fixed part is added. The
+        parameters are on the unit cube.
         """
         chosen = self.choose(count, rng)
         motions_now = self.values[:, MOTION]
@@ -131,12 +121,7 @@ class WeightedStates:
         return motions, self.values[chosen, KINEMATIC:]
 
     def state(self, orientation: NDArray[np.float64]) -> ObjectState:
-        """Return the mean state with the covariance of the samples.
-
-        Parameters
-        ----------
-        orientation : (4,) unit quaternion (x, y, z, w), as perceived
-        """
+        """Return the mean state with the covariance of the samples, and orientation (4,)."""
         mean, covariance = self.moments
         rows = np.r_[POSITION, LINEAR_VELOCITY, ANGULAR_VELOCITY]
         whole = np.zeros((ERROR_SIZE, ERROR_SIZE))
@@ -147,18 +132,10 @@ class WeightedStates:
 def draw_weighted(
     fit: TrajectoryFit, modes: Modes, count: int, time: float, rng: np.random.Generator
 ) -> WeightedStates:
-    """Draw samples of the posterior, and carry them on to a time.
+    """Draw `count` samples of the posterior, and carry them on to a time (s).
 
     They are drawn from normal distributions about the modes, each weighed by its posterior density
-    over that of what it was drawn from.
-
-    Parameters
-    ----------
-    fit : the posterior
-    modes : its modes
-    count : samples
-    time : s
-    rng : of the draws
+    over the density that it was drawn from.
     """
     deviations, axes = principal_deviations(modes.information)
     roots = WIDENING * axes * deviations[:, None]

@@ -148,11 +148,9 @@ class LivePrediction:
         return replace(self, settings=self.settings.stopped_by(flag))
 
     def repeat(self, times: NDArray[np.float64], sample_count: int) -> TrajectoryDistribution:
-        """Predict from the same inputs, with orientations; the same count gives the same samples.
+        """Predict from the same inputs, with orientations, at times (n_times,) s after `start`.
 
-        Parameters
-        ----------
-        times : (n_times,) s after `start`
+        The same count gives the same samples.
         """
         distribution = self.settings.predict(
             self.prepared,

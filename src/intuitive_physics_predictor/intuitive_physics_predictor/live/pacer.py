@@ -92,12 +92,7 @@ class Pacer:
             self._changed.notify()
 
     def stop(self, patience: float | None = None) -> bool:
-        """End the thread once the call under way is done; return whether it has ended.
-
-        Parameters
-        ----------
-        patience : s to wait for it at most; None: no limit
-        """
+        """End the thread after the call under way; return whether it ends within `patience` s."""
         with self._changed:
             self._stopping = True
             self._changed.notify()

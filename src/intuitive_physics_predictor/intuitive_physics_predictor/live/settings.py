@@ -269,13 +269,7 @@ class PredictionSettings:
         )
 
     def check_horizon(self, horizon: float) -> None:
-        """Check how far ahead (s) a prediction is to go.
-
-        Raises
-        ------
-        InvalidInputError
-            When it is farther than the option `longest_horizon`.
-        """
+        """Refuse a horizon (s) that is longer than the option `longest_horizon`."""
         if horizon > self.options.longest_horizon:
             raise InvalidInputError(
                 f"a prediction of {horizon:g} s was asked for; expected at most "
@@ -295,12 +289,9 @@ class PredictionSettings:
 
 
 def output_times(horizon: float, time_step: float) -> NDArray[np.float64]:
-    """Return times from 0 to `horizon` (s) every `time_step` (s), shape (n_times,).
+    """Return times (n_times,) from 0 to `horizon` (s) every `time_step` (s).
 
-    Raises
-    ------
-    InvalidInputError
-        When one of them is not above zero or there would be more than a million times.
+    InvalidInputError is raised when there would be more than a million, or one is not above zero.
     """
     if not (0.0 < time_step <= horizon < np.inf) or horizon / time_step > 1e6:
         raise InvalidInputError(

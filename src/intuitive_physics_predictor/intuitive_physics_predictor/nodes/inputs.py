@@ -127,10 +127,7 @@ class PredictionInputs:
 def perceived_states(message: ObjectStates, arrival: float, monotonic: float) -> PerceivedStates:
     """Return the states in a message.
 
-    Parameters
-    ----------
-    arrival : s, on the node's clock
-    monotonic : s, the same instant on a clock that never stops (`time.monotonic`)
+    `arrival` is s on the node's clock, `monotonic` s of the same instant on `time.monotonic`.
     """
     objects, states = object_states_from_messages(message.objects)
     stamp = seconds_from_stamp(message.header.stamp)

@@ -199,13 +199,7 @@ class PredictorNode(ManagedNode):
 
 
 def settings_from_parameters(values: dict[str, Any]) -> PredictionSettings:
-    """Return the library's settings from the node's parameters by name.
-
-    Raises
-    ------
-    InvalidInputError
-        When horizon, time step and number of samples do not go together.
-    """
+    """Return the library's settings; InvalidInputError when options do not go together."""
     return PredictionSettings(PredictionOptions(**{name: values[name] for name in OPTIONS}))
 
 

@@ -127,12 +127,7 @@ class PredictionServices:
 
 
 def predict_request(request: Predict.Request, snapshot: Snapshot, now: float) -> LivePrediction:
-    """Predict the scene of a request; the snapshot supplies what it leaves out.
-
-    Parameters
-    ----------
-    now : s, time of its states
-    """
+    """Predict the scene of a request at `now` (s); the snapshot supplies all that it leaves out."""
     inputs, settings = snapshot.inputs, snapshot.settings
     objects, states = object_states_from_messages(request.objects)
     environment, version = inputs.environment, inputs.environment_version
@@ -166,13 +161,7 @@ def predict_request(request: Predict.Request, snapshot: Snapshot, now: float) ->
 
 
 def question_from_request(request: Query.Request) -> Question:
-    """Return the question of a request.
-
-    Raises
-    ------
-    InvalidInputError
-        When the event or the region is unknown.
-    """
+    """Return the question of a request; InvalidInputError when event or region is unknown."""
     if request.event not in EVENTS:
         expected = ", ".join(f"{code} ({event.name})" for code, event in EVENTS.items())
         raise InvalidInputError(f"event is {request.event}; expected {expected}")

@@ -108,15 +108,10 @@ def predict_outcomes(
 
 
 def outcome_generators(seed: int, number: int) -> tuple[np.random.Generator, np.random.Generator]:
-    """Return the generators of one outcome, of its samples and of the noise on what is seen.
+    """Return the generators of one outcome, of its samples and of the noise on its detections.
 
     Their streams are children of the seed's. NumPy reads a list of numbers as one, in which zeros
     at the end do not count: `default_rng([0, 0])` is `default_rng(0)`.
-
-    Parameters
-    ----------
-    seed : of all outcomes
-    number : of the outcome
     """
     streams = np.random.SeedSequence(seed, spawn_key=(number,)).spawn(2)
     samples, noise = (np.random.default_rng(stream) for stream in streams)

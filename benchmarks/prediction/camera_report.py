@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.prediction.camera import AHEAD, MOMENTS, Judged, JudgedWorld
+from benchmarks.prediction.camera import (
+    AHEAD,
+    ESTIMATE,
+    FIXED,
+    GUESS,
+    KNOWN_SPIN,
+    MOMENTS,
+    Judged,
+    JudgedWorld,
+)
 from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics_predictor.scores.highest_density import WITHIN_TWO_SIGMA, coverage
 
@@ -39,17 +48,17 @@ def camera_figures(worlds: Worlds) -> dict[str, Any]:
     return {
         **{f"world_{spin:g}": _world_figures(spin, world) for spin, world in worlds.items()},
         "pattern_first_flight_error_over_known_spin": {
-            f"world_{spin:g}": _ratio(world.patterned, "known_spin", 1.0)
+            f"world_{spin:g}": _ratio(world.patterned, KNOWN_SPIN, 1.0)
             for spin, world in worlds.items()
         },
         "first_flight_error_over_guess": {
-            f"world_{spin:g}": _ratio(world.moments["first_flight"], "guess", 1.0)
+            f"world_{spin:g}": _ratio(world.moments["first_flight"], GUESS, 1.0)
             for spin, world in worlds.items()
         },
         "coverage_50": _coverages(everything, 0.5),
         "coverage_90": _coverages(everything, 0.9),
-        "energy_score_over_fixed_noise": _score_ratio(everything, "scores_of_fixed"),
-        "energy_score_over_before": _score_ratio(_of(worlds, MOMENTS[1:]), "scores_of_guess"),
+        "energy_score_over_fixed_noise": _score_ratio(everything, FIXED),
+        "energy_score_over_before": _score_ratio(_of(worlds, MOMENTS[1:]), GUESS),
         "estimate_ms": {
             "median": _rounded(1e3 * np.median(seconds)),
             "p99": _rounded(1e3 * np.quantile(seconds, 0.99)),
@@ -64,13 +73,13 @@ def camera_table(worlds: Worlds) -> Table:
             f"{spin:g}",
             name.replace("_", " "),
             len(moments[name]),
-            *(1e3 * _median(moments[name], way, 1.0) for way in ("errors", "known_spin", "guess")),
+            *(1e3 * _median(moments[name], way, 1.0) for way in (ESTIMATE, KNOWN_SPIN, GUESS)),
             float(np.median([one.spin_error for one in moments[name]] or [np.nan])),
             100.0 * _within(moments[name]),
             100.0 * coverage(_levels(moments[name], 1.0), 0.5),
             100.0 * coverage(_levels(moments[name], 1.0), 0.9),
-            _score_ratio(moments[name], "scores_of_guess"),
-            _score_ratio(moments[name], "scores_of_fixed"),
+            _score_ratio(moments[name], GUESS),
+            _score_ratio(moments[name], FIXED),
         ]
         for spin, moments in ((spin, _rows(world)) for spin, world in worlds.items())
         for name in moments
@@ -135,17 +144,17 @@ def camera_complaints(worlds: Worlds) -> list[str]:
     found = []
     for name, bars in MOST_OVER_KNOWN.items():
         for spin, most in bars.items():
-            ratio = _ratio(worlds[spin].moments[name], "known_spin", 1.0)
+            ratio = _ratio(worlds[spin].moments[name], KNOWN_SPIN, 1.0)
             if ratio is not None and ratio > most:
                 found.append(f"{name} of world_{spin:g}: error {ratio:.2f} of the known spin's")
     for spin, world in worlds.items():
-        ratio = _ratio(world.patterned, "known_spin", 1.0)
+        ratio = _ratio(world.patterned, KNOWN_SPIN, 1.0)
         if ratio is not None and ratio > MOST_PATTERN_OVER_KNOWN:
             found.append(
                 f"first flight with a pattern in world_{spin:g}: error {ratio:.2f} of the known "
                 "spin's"
             )
-    ratio = _ratio(worlds[WORLDS[0]].moments["first_flight"], "guess", 1.0)
+    ratio = _ratio(worlds[WORLDS[0]].moments["first_flight"], GUESS, 1.0)
     if ratio is not None and ratio > MOST_OVER_GUESS:
         found.append(f"first_flight of world_{WORLDS[0]:g}: error {ratio:.2f} of the guess's")
     return found + _spin_complaints(worlds) + _coverage_complaints(worlds)
@@ -210,7 +219,7 @@ def _world_figures(spin: float, world: JudgedWorld) -> dict[str, Any]:
 def _moment_figures(found: Sequence[Judged]) -> dict[str, Any]:
     return {
         "predictions": len(found),
-        "error_over_known_spin": {f"{t:g}": _ratio(found, "known_spin", t) for t in RATIOS},
+        "error_over_known_spin": {f"{t:g}": _ratio(found, KNOWN_SPIN, t) for t in RATIOS},
         "spin_error": _rounded(np.median([one.spin_error for one in found] or [np.nan])),
         "spin_within_2_sigma": _rounded(_within(found)),
     }
@@ -224,13 +233,13 @@ def _within(found: Sequence[Judged]) -> float:
 
 def _median(found: Sequence[Judged], way: str, ahead: float) -> float:
     """Median error in m at a time ahead (s), of the predictions that can be judged there."""
-    values = np.array([getattr(one, way)[AHEAD.index(ahead)] for one in found] or [np.nan])
+    values = np.array([one.errors[way][AHEAD.index(ahead)] for one in found] or [np.nan])
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else float("nan")
 
 
 def _ratio(found: Sequence[Judged], way: str, ahead: float) -> float | None:
-    return _rounded(_median(found, "errors", ahead) / _median(found, way, ahead))
+    return _rounded(_median(found, ESTIMATE, ahead) / _median(found, way, ahead))
 
 
 def _levels(found: Sequence[Judged], ahead: float) -> NDArray[np.float64]:
@@ -247,8 +256,8 @@ def _score_ratio(found: Sequence[Judged], way: str) -> float | None:
     """Sum of the energy scores of all times over that of another way to predict."""
     if not found:
         return None
-    own, other = (np.nansum([getattr(one, name) for one in found]) for name in ("scores", way))
-    return _rounded(own / other)
+    scores = {name: np.nansum([one.scores[name] for one in found]) for name in (ESTIMATE, way)}
+    return _rounded(scores[ESTIMATE] / scores[way])
 
 
 def _rounded(value: Any) -> float | None:

@@ -9,7 +9,8 @@ from itertools import cycle
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.errors import IntuitivePhysicsError
+from benchmarks.perception.perceive import PerceptionRun
+from benchmarks.running_nodes import RATE
 from intuitive_physics.observation import Observation
 from intuitive_physics_experiments.rendering.ball_surface import PLAIN, BallSurface
 from intuitive_physics_experiments.rendering.color_camera import DepthColorCamera
@@ -23,40 +24,26 @@ from intuitive_physics_experiments.rendering.depth_renderer import DepthRenderer
 from intuitive_physics_experiments.rendering.throws import Throw, make_throws
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.frame_result import PerceivedObject
-from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
 
-FRAME_RATE = 30.0  # Hz
 LEAD_IN, DURATION, PAUSE = 1.0, 2.4, 0.6  # s before the first throw, of each, and after each
-
-
-class BenchmarkError(IntuitivePhysicsError):
-    """What is to be judged did not come about."""
-
-
-@dataclass(frozen=True, eq=False)
-class Sighting:
-    """What perception says of the ball in one frame."""
-
-    time: float  # s
-    seen: PerceivedObject  # the object with its state and detection
 
 
 @dataclass(frozen=True, eq=False)
 class SeenThrow:
-    """A throw, and every frame in which its ball was tracked."""
+    """A throw, and the time (s) and the perceived ball of every frame in which it was tracked."""
 
     throw: Throw
-    sightings: tuple[Sighting, ...]
+    sightings: list[tuple[float, PerceivedObject]]
 
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """Throws of one spin, as seen."""
+    """Throws of one spin in a perceived environment, and an observation of nearly each."""
 
-    throws: tuple[SeenThrow, ...]  # in their order
-    observations: tuple[Observation, ...]  # of each throw, where there is one
-    model: EnvironmentModel  # environment as perceived
+    throws: list[SeenThrow]
+    observations: list[Observation]
+    model: EnvironmentModel
 
     def perceived_point(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return true points (..., 3) m in the perceived environment."""
@@ -69,7 +56,11 @@ class World:
 
 
 def see_world(spin: float, count: int, seed: int, patterns: Sequence[str] = ()) -> World:
-    """Throw balls, render them and perceive every frame."""
+    """Throw balls, render them and perceive every frame.
+
+    The spin (rad/s) is the standard deviation of the initial spin about each axis. With patterns,
+    which balls have in turn, the camera sees colour too.
+    """
     throw_rng, noise_rng, own_rng = map(
         np.random.default_rng, np.random.SeedSequence(seed).spawn(3)
     )
@@ -87,31 +78,27 @@ def see_world(spin: float, count: int, seed: int, patterns: Sequence[str] = ()) 
     )
     known = [KnownObject(name, radius, name) for name, radius in BALL_RADII.items()]
     settings = PerceptionSettings(known_objects=tuple(known))
-    pipeline = PerceptionPipeline(settings, own_rng)
-    sightings: dict[int, list[Sighting]] = {k: [] for k in range(count)}
+    run = PerceptionRun(settings, own_rng)
+    seen = [SeenThrow(throw, []) for throw in throws]
     observations: list[Observation] = []
     for time, points, colors in _frames(throws, patterns, noise_rng):
-        result = pipeline.process(points, time, colors)
+        result = run.process(points, time, colors)
         observations += result.observations
         k = int((time - LEAD_IN) // (DURATION + PAUSE))
         if len(result.objects) == 1 and 0 <= k < count and time <= throws[k].end_time:
-            sightings[k].append(Sighting(time, result.objects[0]))
-    observations += pipeline.finish()
-    if pipeline.model is None:
-        raise BenchmarkError("perception did not find the environment")
-    seen = tuple(SeenThrow(throws[k], tuple(sightings[k])) for k in range(count))
-    return World(seen, tuple(observations), pipeline.model)
+            seen[k].sightings.append((time, result.objects[0]))
+    observations += run.pipeline.finish()
+    return World(seen, observations, run.model)
 
 
 def _frames(
     throws: Sequence[Throw], patterns: Sequence[str], rng: np.random.Generator
 ) -> Iterator[tuple[float, NDArray[np.float32], NDArray[np.uint8] | None]]:
-    """Yield the time in s of each frame, its points (height, width, 3) m, and its colours, if any,
-    of the same shape."""
+    """Yield the time (s) of each frame, its points (height, width, 3) m and its colours, if any."""
     camera = DepthColorCamera(DepthRenderer(corner_camera(), corner_environment()), rng)
     painted = list(zip(throws, map(BallSurface, cycle(patterns or [PLAIN])), strict=False))
-    for frame in range(int((throws[-1].end_time + PAUSE) * FRAME_RATE)):
-        time = frame / FRAME_RATE
+    for frame in range(int((throws[-1].end_time + PAUSE) * RATE)):
+        time = frame / RATE
         balls = [
             throw.colored_at(time, surface)
             for throw, surface in painted
@@ -124,10 +111,10 @@ def _frames(
 def bounces(throw: Throw) -> list[float]:
     """Return the times, s, at which a ball bounces off floor or walls."""
     motion = throw.motion
-    found = []
+    times: list[float] = []
     for plane in corner_environment().planes:
         gaps = motion.positions @ plane.normal - plane.offset - throw.radius
         speeds = motion.velocities @ plane.normal
         turns = (speeds[:-1] < -0.3) & (speeds[1:] > 0.1) & (gaps[1:] < 0.05)
-        found += (throw.start_time + motion.times[1:][turns]).tolist()
-    return sorted(found)
+        times += (throw.start_time + motion.times[1:][turns]).tolist()
+    return sorted(times)

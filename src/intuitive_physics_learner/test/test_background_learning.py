@@ -6,12 +6,15 @@ import signal
 import sys
 import threading
 import time
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.kernels.cache import KernelCache
+from intuitive_physics.processes import ChildProcess
 from intuitive_physics_learner.online import worker
 from intuitive_physics_learner.online.background_learning import BackgroundLearning
 from intuitive_physics_learner.online.options import OnlineOptions
@@ -103,6 +106,34 @@ def test_ends_with_the_process_that_started_it(store, background, throws):
     # What the end of this process would do.
     process.stdin.close()
     wait_until(lambda: ended(process))
+
+
+def process_state(pid):
+    """Letter of proc(5), or None where there is no such process."""
+    with suppress(FileNotFoundError, ProcessLookupError):
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+
+
+def test_killed_parent_ends_a_worker_that_does_not_run(store):
+    # As at idle priority on a machine whose cores are all taken: it never reads its input.
+    code = f"""
+import sys, time
+from pathlib import Path
+from intuitive_physics_learner.online.background_learning import BackgroundLearning
+from intuitive_physics_learner.online.options import OnlineOptions
+learning = BackgroundLearning(Path({str(store.path)!r}), "event_driven", lambda: None)
+learning.start(OnlineOptions(), cores=1)
+print(learning._process.pid)
+time.sleep({PATIENCE})
+"""
+    with ChildProcess([sys.executable, "-u", "-c", code], name="a learner") as learner:
+        learner.wait_for("\n", PATIENCE)
+        worker = int(learner.output)
+        # It imports, so it is bound to its parent already.
+        wait_until(lambda: "numpy" in Path(f"/proc/{worker}/maps").read_text())
+        os.kill(worker, signal.SIGSTOP)
+        learner.process.kill()
+        wait_until(lambda: process_state(worker) in ("Z", None))
 
 
 def test_ctrl_c_is_left_to_the_process_that_started_it(store, background, throws):

@@ -18,6 +18,9 @@ MARKS = "INTUITIVE_PHYSICS_RUNS"
 WATCHDOG = "intuitive_physics.processes.watchdog"
 """Module that is the watchdog's program."""
 
+BOUND_PROGRAM = "intuitive_physics.processes.bound_program"
+"""Module that binds a program to its parent, and runs it."""
+
 TERMINATED = 128 + signal.SIGTERM
 """Exit code of a run that was ended by SIGTERM."""
 
@@ -78,8 +81,24 @@ def _makes() -> list[int]:
     return found
 
 
+def bound_command(module: str, *arguments: str) -> list[str]:
+    """Return the command of a module that the kernel kills when the thread that starts it ends.
+
+    A program that reads its standard input notices the end of its parent only when it runs. At a
+    priority that leaves it no time it would still be importing minutes later.
+    """
+    return [sys.executable, "-m", BOUND_PROGRAM, str(os.getpid()), module, *arguments]
+
+
+def die_with_parent() -> None:
+    """Have the kernel kill this process when the thread that started it ends, on Linux."""
+    prctl = getattr(ctypes.CDLL(None), "prctl", None)
+    if prctl is not None:
+        prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
+
+
 def _end_with_parent() -> None:
     """Be ended with the process that forked this one: its environment has no mark."""
     signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    ctypes.CDLL(None).prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
+    die_with_parent()

@@ -9,14 +9,16 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 from intuitive_physics.limits import limits
+from intuitive_physics.processes import bound_command
 from intuitive_physics.settings import list_settings
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.worker import FAILED, WAITING, WorkerReport
@@ -86,22 +88,40 @@ class BackgroundLearning:
                 one.name: getattr(options, one.name) for one in list_settings(OnlineOptions)
             },
         }
-        threads = {name: str(cores) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
         with self._lock:
             self.stop()
+            started: Future[subprocess.Popen[str]] = Future()
+            threading.Thread(
+                target=self._run, args=(task, cores, priority, started), daemon=True
+            ).start()
+            self._process = started.result()
+            self._started_with = (options, cores, priority)
+            self._report = WorkerReport(WAITING)
+
+    def _run(
+        self,
+        task: dict[str, Any],
+        cores: int,
+        priority: str,
+        started: Future[subprocess.Popen[str]],
+    ) -> None:
+        """Start the process, and watch it; it is bound to this thread, which outlasts it."""
+        threads = {name: str(cores) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
+        try:
             process = subprocess.Popen(
-                [sys.executable, "-m", WORKER, json.dumps(task)],
+                bound_command(WORKER, json.dumps(task)),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 text=True,
                 env={**os.environ, **threads},
             )
-            limit_process(process.pid, priority, cores)
-            self._process = process
-            self._started_with = (options, cores, priority)
-            self._report = WorkerReport(WAITING)
-        threading.Thread(target=self._watch, args=(process,), daemon=True).start()
+        except OSError as error:
+            started.set_exception(error)
+            return
+        limit_process(process.pid, priority, cores)
+        started.set_result(process)
+        self._watch(process)
 
     def notify(self) -> None:
         """Make the process read the store again; starts one that has died."""

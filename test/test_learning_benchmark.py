@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import argparse
 import itertools
 
 import numpy as np
 import pytest
-from benchmarks.learning.__main__ import LINE, PARTS, combined
+from benchmarks.command import Outcome
+from benchmarks.learning.__main__ import LINE, PARTS, run
 from benchmarks.learning.camera import TRUE_RANGES, draw_truth
 from benchmarks.learning.disturbances import EARLIEST, LEAST_DEVIATION, Disturber
-from benchmarks.learning.disturbed import SHARE, DisturbedSet, counted, disturbed_set
+from benchmarks.learning.disturbed import SHARE, Counts, DisturbedSet, counted, disturbed_set
 from benchmarks.learning.disturbed import figures as disturbed_figures
 from benchmarks.learning.information import bound_of, true_fits
 from benchmarks.learning.online import (
@@ -20,22 +22,20 @@ from benchmarks.learning.online import (
     changing_stream,
     mean_drift,
 )
-from benchmarks.learning.paper_sets import make_task
-from benchmarks.learning.part import Findings, Part, Plan
+from benchmarks.learning.paper_sets import ball_throws, make_task
 from benchmarks.learning.scores import (
     WITHIN,
     Coverage,
     coverage,
+    dishonest,
     excess,
-    is_honest,
     share_within,
 )
-from benchmarks.learning.stream import StreamCost, endless_stream, growth
+from benchmarks.learning.stream import StreamCost, growth
 from benchmarks.learning.stream import figures as stream_figures
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.parameter_space import ParameterSpace
@@ -121,8 +121,11 @@ def test_shares_are_of_all_identified_parameters_of_all_sets():
     second = Coverage(np.array([-2.5]), np.zeros(1), 7)
     assert share_within([first, second]) == 0.5
     assert share_within([]) is None
-    assert not is_honest(None)
-    assert [is_honest(share) for share in (0.89, 0.9, 0.99, 1.0)] == [False, True, True, False]
+    assert dishonest([first, second])[0].startswith("within_2_sigma: 0.500, bar 0.9 to 0.99")
+    assert dishonest([])[0].startswith("within_2_sigma: nothing is identified")
+    for outside, complaints in ((11, 1), (10, 0), (1, 0), (0, 1)):
+        scores = np.where(np.arange(100) < outside, 3.0, 0.0)
+        assert len(dishonest([Coverage(scores, np.zeros(100), 100)])) == complaints
 
 
 @pytest.fixture(scope="module")
@@ -165,17 +168,17 @@ def test_a_fifth_of_the_training_throws_is_disturbed_and_the_rest_untouched(data
 def test_flags_are_counted_against_what_was_disturbed():
     kinds = {"a": "kicked", "b": "held"}
     good = frozenset("cdef")
-    known = DisturbedSet(1, kinds, good, {"a", "c"}, 0.2, 0.1)
-    assert counted([known]) == (1, 2, 1, 4)
-    assert counted([known], "held") == (0, 1, 1, 4)
-    assert disturbed_figures([known]) == {"excess": 0.2, "flagged": 0.5, "false": 0.25}
-    unknown = DisturbedSet(1, kinds, good, None, 0.2, 0.1)
-    assert disturbed_figures([unknown]) == {"excess": 0.2, "flagged": None, "false": None}
+    assessed = DisturbedSet(1, kinds, good, {"a", "c"}, 0.2, 0.1)
+    assert counted([assessed]) == Counts(2, 1, 4, 1)
+    assert counted([assessed], "held") == Counts(1, 0, 4, 1)
+    assert disturbed_figures([assessed]) == {"excess": 0.2, "flagged": 0.5, "false": 0.25}
+    unassessed = DisturbedSet(1, kinds, good, None, 0.2, 0.1)
+    assert disturbed_figures([unassessed]) == {"excess": 0.2, "flagged": None, "false": None}
 
 
 def test_stream_is_the_same_however_much_of_it_is_taken():
-    short = [each.to_json() for each in itertools.islice(endless_stream(3), 4)]
-    long = [each.to_json() for each in itertools.islice(endless_stream(3), 7)]
+    short = [each.to_json() for each in itertools.islice(ball_throws(3), 4)]
+    long = [each.to_json() for each in itertools.islice(ball_throws(3), 7)]
     assert long[:4] == short
     assert len(set(long)) == 7
 
@@ -199,9 +202,9 @@ def test_change_counts_until_the_published_value_is_near():
 
 def test_stream_figures_have_null_for_what_was_not_measured():
     found = {100: StreamCost(100, (0.2, 0.4), 3.0, 250.0), 1000: None}
-    assert stream_figures(found, None) == {
+    assert stream_figures(found, 1.5) == {
         "cpu_s_at": {"100": 0.3, "1000": None},
-        "start_s_at_100000": None,
+        "start_s_at_100000": 1.5,
         "rss_mb": 250.0,
     }
     assert growth(found) is None
@@ -223,7 +226,7 @@ def test_true_initial_states_are_those_that_estimation_calls_so():
 
 
 def test_a_fit_that_begins_at_the_truth_is_better_than_the_defaults():
-    bound = bound_of(make_task(1, 2), 2)
+    bound = bound_of("1x50", make_task(1, 2), 2)
     assert bound.horizon > 0.5
     assert bound.first < 1.0
 
@@ -238,20 +241,11 @@ def test_truth_of_a_camera_set_is_one_that_its_engine_can_express(seed):
         assert bounds.lower - 1e-12 <= value <= bounds.upper + 1e-12
 
 
-def test_last_line_has_all_keys_and_a_part_that_fails_does_not_stop_the_others():
-    def failing(plan: Plan) -> Findings:
-        raise InvalidInputError("it went wrong")
-
-    good = Part("good", ("camera",), lambda plan: Findings(figures={"camera": plan.quick}))
-    outcome = combined([Part("bad", (), failing), good], Plan(True, 0))
+def test_last_line_has_all_keys_and_the_cost_of_each_part(monkeypatch):
+    figures = {"mass_ratio_90": [3.9, 4.1]}
+    monkeypatch.setitem(PARTS, "mass_ratio", lambda quick, first_seed: Outcome(key_figures=figures))
+    outcome = run(argparse.Namespace(only=["mass_ratio"], quick=True, first_seed=7))
     assert tuple(outcome.key_figures) == LINE
-    assert outcome.key_figures["camera"] is True
+    assert outcome.key_figures["mass_ratio_90"] == [3.9, 4.1]
     assert outcome.key_figures["stream"] is None
-    assert outcome.complaints == ["bad: it went wrong"]
-    assert not outcome.valid
-
-
-def test_every_key_of_the_last_line_is_of_one_part_at_most():
-    keys = [key for part in PARTS for key in part.keys]
-    assert len(keys) == len(set(keys))
-    assert set(keys) <= set(LINE)
+    assert [row[0] for row in outcome.tables[-1].rows] == ["mass_ratio"]

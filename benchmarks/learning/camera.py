@@ -14,20 +14,16 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from benchmarks.command import report_progress
-from benchmarks.learning.part import Findings, Part, Plan
-from benchmarks.learning.public_learning import Learned, learn_by_default
+from benchmarks.command import Outcome, report_progress
+from benchmarks.learning.paper_sets import Learned, learn_by_default
 from benchmarks.learning.scores import (
-    LEAST_WITHIN,
-    MOST_WITHIN,
     Coverage,
     coverage,
+    dishonest,
     identified_of_active,
-    is_honest,
     share_within,
 )
 from benchmarks.results.result import Cell, Column, Table
@@ -56,13 +52,13 @@ SETS, QUICK_SETS = 20, 2
 """Random sets."""
 
 THROWS, QUICK_THROWS = 8, 4
-"""Of the ball of a set."""
+"""Throws of the ball of a set."""
 
 WORKERS = 2
 """Processes that make sets side by side, each with one thread."""
 
 RESTITUTION_BAR = 0.003
-"""That the median error of restitution is to stay below, issue 17."""
+"""Limit of the median error of restitution, issue 17."""
 
 TRUE_RANGES = {
     "density": Bounds(120.0, 1100.0, "logarithmic"),
@@ -71,37 +67,32 @@ TRUE_RANGES = {
     "rolling_friction": Bounds(5e-3, 0.05, "logarithmic"),
     "restitution": Bounds(0.4, 0.85),
 }
-"""What θ_s of a set is drawn from: about the balls of the demo."""
+"""Ranges of the true θ_s: about the balls of the demo."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraSet:
-    """What was learned from one set.
-
-    Parameters
-    ----------
-    seed : of the set
-    material : of the ball
-    true : θ_s
-    observations : that perception made of the throws
-    throws : that were rendered
-    learned : what learning returned
-    coverage : of the stated deviations
-    """
+    """What was learned from one set, and how well its deviations cover the truth."""
 
     seed: int
-    material: str
+    material: str  # of the ball
     true: StaticParameters
-    observations: int
+    observations: int  # that perception made of the throws
     throws: int
     learned: Learned
     coverage: Coverage
 
-    def errors(self, parameters: StaticParameters) -> dict[str, float]:
-        """Return the absolute error of each coefficient of ball and room."""
-        found = parameters.pair(self.material, ROOM_MATERIAL)
-        true = self.true.pair(self.material, ROOM_MATERIAL)
-        return {name: abs(found[name] - true[name]) for name in PAIR_COEFFICIENTS}
+    def error(self, name: str) -> float:
+        """Return the absolute error of a learned coefficient of ball and room."""
+        return self._error(name, self.learned.parameters.parameters)
+
+    def default_error(self, name: str) -> float:
+        """Return the same of the untouched defaults."""
+        return self._error(name, StaticParameters.uniform(self.true.materials))
+
+    def _error(self, name: str, parameters: StaticParameters) -> float:
+        pair = self.material, ROOM_MATERIAL
+        return abs(parameters.pair(*pair)[name] - self.true.pair(*pair)[name])
 
 
 def draw_truth(seed: int) -> tuple[str, StaticParameters]:
@@ -117,16 +108,7 @@ def draw_truth(seed: int) -> tuple[str, StaticParameters]:
 def perceived_throws(
     material: str, true: StaticParameters, throws: int, seed: int, folder: Path
 ) -> Sequence[Observation]:
-    """Throw, render and perceive; the bag is left in the folder.
-
-    Parameters
-    ----------
-    material : of the ball, one of `BALL_RADII`
-    true : θ_s that it obeys
-    throws : number of them
-    seed : of throws, of the camera's noise and of perception
-    folder : that exists
-    """
+    """Throw a ball of one of `BALL_RADII`, render and perceive; the bag is left in the folder."""
     throw_rng, noise_rng, perception_rng = map(
         np.random.default_rng, np.random.SeedSequence(seed).spawn(3)
     )
@@ -158,102 +140,83 @@ def learn_camera_set(seed: int, throws: int) -> CameraSet:
     with tempfile.TemporaryDirectory() as folder:
         observations = perceived_throws(material, true, throws, seed, Path(folder))
     learned = learn_by_default(observations, threads=1)
-    found = learned.parameters
-    active = active_parameters(observations, found.materials)
-    held = coverage(found, true, active)
-    return CameraSet(seed, material, true, len(observations), throws, learned, held)
+    parameters = learned.parameters
+    active = active_parameters(observations, parameters.materials)
+    covered = coverage(parameters, true, active)
+    return CameraSet(seed, material, true, len(observations), throws, learned, covered)
 
 
-def measure(plan: Plan) -> Findings:
+def measure(quick: bool, first_seed: int) -> Outcome:
     """Make all sets, several at a time."""
-    sets, throws = (QUICK_SETS, QUICK_THROWS) if plan.quick else (SETS, THROWS)
-    report_progress(f"{sets} sets of {throws} throws by a rendered camera")
+    count, throws = (QUICK_SETS, QUICK_THROWS) if quick else (SETS, THROWS)
+    report_progress(f"{count} sets of {throws} throws by a rendered camera")
     with ProcessPoolExecutor(WORKERS, get_context("spawn")) as pool:
-        seeds = range(plan.first_seed, plan.first_seed + sets)
-        found = list(pool.map(learn_camera_set, seeds, [throws] * sets))
-    return Findings(
-        tables=[_set_table(found), _error_table(found)],
-        figures={"camera": figures(found)},
-        complaints=_complaints(found),
-    )
-
-
-def figures(found: Sequence[CameraSet]) -> dict[str, Any]:
-    """Return the entry of the last line."""
-    share = share_within([each.coverage for each in found])
-    return {
+        seeds = range(first_seed, first_seed + count)
+        sets = list(pool.map(learn_camera_set, seeds, [throws] * count))
+    coverages = [each.coverage for each in sets]
+    share = share_within(coverages)
+    error = float(np.median([each.error("restitution") for each in sets]))
+    fell_back = sum(each.learned.fell_back for each in sets)
+    complaints = dishonest(coverages)
+    if error >= RESTITUTION_BAR:
+        complaints.append(f"median error of restitution {error:.4f}, bar {RESTITUTION_BAR}")
+    if fell_back:
+        complaints.append(f"fell back in {fell_back} of {len(sets)} sets, bar 0")
+    figures = {
         "within_2_sigma": None if share is None else round(share, 3),
-        "restitution_error_median": round(_median_error(found, "restitution"), 5),
-        "fell_back": sum(each.learned.fell_back for each in found),
-        "sets": len(found),
+        "restitution_error_median": round(error, 5),
+        "fell_back": fell_back,
+        "sets": len(sets),
     }
-
-
-def _median_error(found: Sequence[CameraSet], name: str) -> float:
-    return float(
-        np.median([each.errors(each.learned.parameters.parameters)[name] for each in found])
+    return Outcome(
+        tables=[_set_table(sets), _error_table(sets)],
+        key_figures={"camera": figures},
+        complaints=[f"camera: {complaint}" for complaint in complaints],
     )
 
 
-def _defaults(each: CameraSet) -> StaticParameters:
-    return StaticParameters.uniform(each.true.materials)
-
-
-def _set_table(found: Sequence[CameraSet]) -> Table:
-    rows: list[list[Cell]] = []
-    for each in found:
-        learned = each.learned.parameters.parameters
-        rows.append(
-            [
-                each.seed,
-                f"{each.material}, {100 * BALL_RADII[each.material]:.0f} cm",
-                f"{each.observations} of {each.throws}",
-                each.true.pair(each.material, ROOM_MATERIAL)["restitution"],
-                each.errors(learned)["restitution"],
-                each.errors(_defaults(each))["restitution"],
-                f"{each.coverage.within} of {each.coverage.identified}",
-                f"{each.coverage.identified} of {each.coverage.active}",
-                "yes" if each.learned.fell_back else "no",
-                each.learned.seconds,
-            ]
-        )
-    return Table(
-        title="Learned from a rendered depth camera through the whole perception, each set",
-        columns=[
-            Column("seed"),
-            Column("ball"),
-            Column("throws observed"),
-            Column("true restitution", "", ".3f"),
-            Column("its error", "", ".4f"),
-            Column("defaults' error", "", ".4f"),
-            Column("within 2 σ"),
-            Column("identified of active"),
-            Column("fell back"),
-            Column("s to learn", "s", ".1f"),
+def _set_table(sets: Sequence[CameraSet]) -> Table:
+    return Table.of(
+        "Learned from a rendered depth camera through the whole perception, each set",
+        sets,
+        [
+            (Column("seed"), lambda s: s.seed),
+            (Column("ball"), lambda s: f"{s.material}, {100 * BALL_RADII[s.material]:.0f} cm"),
+            (Column("throws observed"), lambda s: f"{s.observations} of {s.throws}"),
+            (
+                Column("true restitution", "", ".3f"),
+                lambda s: s.true.pair(s.material, ROOM_MATERIAL)["restitution"],
+            ),
+            (Column("its error", "", ".4f"), lambda s: s.error("restitution")),
+            (Column("defaults' error", "", ".4f"), lambda s: s.default_error("restitution")),
+            (Column("within 2 σ"), lambda s: f"{s.coverage.within} of {s.coverage.identified}"),
+            (Column("identified of active"), lambda s: identified_of_active([s.coverage])),
+            (Column("fell back"), lambda s: "yes" if s.learned.fell_back else "no"),
+            (Column("s to learn", "s", ".1f"), lambda s: s.learned.seconds),
         ],
-        rows=rows,
     )
 
 
-def _error_table(found: Sequence[CameraSet]) -> Table:
+def _error_table(sets: Sequence[CameraSet]) -> Table:
     rows: list[list[Cell]] = []
     for name in PAIR_COEFFICIENTS:
-        errors = [each.errors(each.learned.parameters.parameters)[name] for each in found]
-        default = [each.errors(_defaults(each))[name] for each in found]
+        errors = [each.error(name) for each in sets]
+        defaults = [each.default_error(name) for each in sets]
+        bar = RESTITUTION_BAR if name == "restitution" else None
         rows.append(
             [
                 name.replace("_", " "),
                 float(np.median(errors)),
                 float(np.max(errors)),
-                float(np.median(default)),
-                RESTITUTION_BAR if name == "restitution" else None,
+                float(np.median(defaults)),
+                bar,
             ]
         )
-    coverages = [each.coverage for each in found]
+    coverages = [each.coverage for each in sets]
     share = share_within(coverages)
     shown = "none" if share is None else f"{share:.1%}"
     return Table(
-        title=f"Errors against the room over these {len(found)} sets",
+        title=f"Errors against the room over these {len(sets)} sets",
         columns=[
             Column("coefficient"),
             Column("median error", "", ".4f"),
@@ -266,27 +229,6 @@ def _error_table(found: Sequence[CameraSet]) -> Table:
             f"within 2 σ: {shown} of the identified parameters "
             f"({identified_of_active(coverages)} active)",
             f"joint estimation fell back to descent of J in "
-            f"{sum(each.learned.fell_back for each in found)} of {len(found)} sets",
+            f"{sum(each.learned.fell_back for each in sets)} of {len(sets)} sets",
         ],
     )
-
-
-def _complaints(found: Sequence[CameraSet]) -> list[str]:
-    complaints = []
-    share = share_within([each.coverage for each in found])
-    if not is_honest(share):
-        shown = "nothing is identified" if share is None else f"{share:.3f}"
-        complaints.append(
-            f"camera: within_2_sigma: {shown}, bar {LEAST_WITHIN:g} to {MOST_WITHIN:g}"
-        )
-    error = _median_error(found, "restitution")
-    if error >= RESTITUTION_BAR:
-        complaints.append(f"camera: median error of restitution {error:.4f}, bar {RESTITUTION_BAR}")
-    backs = sum(each.learned.fell_back for each in found)
-    if backs:
-        complaints.append(f"camera: fell back in {backs} of {len(found)} sets, bar 0")
-    return complaints
-
-
-CAMERA = Part("camera", ("camera",), measure)
-"""The part of the rendered camera."""

@@ -37,28 +37,21 @@ CARRY_DURATION = 0.7
 """s that a hand takes for it."""
 
 MOST_ATTEMPTS = 100
-"""Draws of a disturbance that departs far enough before it is given up."""
+"""Number of draws after which no disturbance is expected to depart far enough."""
 
 Motion = NDArray[np.float64]
 """Positions (n_objects, n_times, 3) m."""
 
 Disturb = Callable[[PaperRun, int, int, np.random.Generator], Motion | None]
-"""Given a run, an object's index, the index of the time from which something happens and the source
-of randomness, returns all positions; None where this draw cannot be carried out."""
+"""Returns all positions, given a run, an object's index and that of the time from which something
+happens; None where this draw cannot be carried out."""
 
 
 class Disturber:
-    """Disturbs runs of one set.
+    """Disturbs runs of one set, given its true θ_s and all its runs; `kinds` are named functions.
 
-    Parameters
-    ----------
-    parameters : the true θ_s
-    simulator : the engine that moves objects on after a kick
-    others : runs of the set, whose objects may be mistaken for one another
-
-    Attributes
-    ----------
-    kinds : what may happen, by name
+    The simulator moves objects on after a kick; objects of all runs may be mistaken for one
+    another.
     """
 
     def __init__(
@@ -74,20 +67,9 @@ class Disturber:
         }
 
     def disturb(self, run: PaperRun, kind: str, rng: np.random.Generator) -> PaperRun:
-        """Return what is seen of a run where something happened to one object after a while.
+        """Return a run in which one object was disturbed after `EARLIEST`, with noise drawn again.
 
-        The noise is drawn again; nothing happens before `EARLIEST`.
-
-        Parameters
-        ----------
-        run : undisturbed
-        kind : one of `kinds`
-        rng : of what happens, and of the noise
-
-        Raises
-        ------
-        InvalidInputError
-            When no draw departs far enough from the true motion.
+        Raises an `InvalidInputError` when no draw departs far enough from the true motion.
         """
         times = run.observation.objects[0].trajectory.times
         first, last = np.searchsorted(times, (EARLIEST, LATEST))
@@ -133,7 +115,7 @@ class Disturber:
     def _mistracked(
         self, run: PaperRun, number: int, begin: int, rng: np.random.Generator
     ) -> Motion:
-        """Go on with the positions of an object of another throw."""
+        """Continue with the positions of an object of another throw."""
         other = self._others[int(rng.integers(len(self._others)))].positions
         moved = run.positions.copy()
         moved[number, begin:] = other[int(rng.integers(len(other))), begin:]

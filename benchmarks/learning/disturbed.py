@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.command import report_progress
+from benchmarks.command import Outcome, report_progress
 from benchmarks.learning.disturbances import Disturber
-from benchmarks.learning.paper_sets import make_task
-from benchmarks.learning.part import Findings, Part, Plan
-from benchmarks.learning.public_learning import flagged_observations, learn_by_default
+from benchmarks.learning.paper_sets import learn_by_default, make_task
 from benchmarks.learning.scores import excess
 from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics_experiments.paper.paper_dataset import PaperDataset
@@ -22,36 +20,29 @@ SETS, QUICK_SETS = 6, 1
 """Random sets 1x50."""
 
 SHARE = 0.2
-"""Of the training throws that are disturbed."""
+"""Share of the training throws that are disturbed."""
 
 SECONDS = 4.0
 """Limit of wall time of learning, with its uncertainties."""
 
 EXCESS_BAR, FLAGGED_BAR, FALSE_BAR = 0.1, 0.9, 0.05
-"""Most excess, least share of disturbed throws that are flagged, largest share of good ones that
+"""Largest excess, least share of disturbed throws that are flagged, largest share of good ones that
 are, issue 17."""
+
+LEAST_GOOD = 0.5
+"""Probability of being good below which an observation counts as flagged."""
 
 
 @dataclass(frozen=True, eq=False)
 class DisturbedSet:
-    """What was learned from one set with disturbed throws.
-
-    Parameters
-    ----------
-    seed : of the set
-    kinds : what happened, by the id of a disturbed observation
-    good : ids of the others
-    flagged : ids that learning set aside; None where it does not assess observations
-    excess : of J over unseen throws from true initial states
-    undisturbed : excess of learning from the same throws before anything happened to them
-    """
+    """What was learned from one set with disturbed throws."""
 
     seed: int
-    kinds: dict[str, str]
-    good: frozenset[str]
-    flagged: Collection[str] | None
-    excess: float
-    undisturbed: float
+    kinds: dict[str, str]  # what happened, by the id of a disturbed observation
+    good: frozenset[str]  # ids of the others
+    flagged: Collection[str] | None  # ids that were set aside; None where nothing was assessed
+    excess: float  # of J over unseen throws from true initial states
+    undisturbed: float  # the same, learned from the throws before anything happened to them
 
 
 def disturbed_set(
@@ -59,9 +50,7 @@ def disturbed_set(
 ) -> tuple[PaperDataset, dict[str, str]]:
     """Disturb a fifth of the training throws, the kinds in turn.
 
-    Returns
-    -------
-    The set, and what happened by the id of each disturbed observation.
+    Returned are the set, and what happened by the id of each disturbed observation.
     """
     disturber = Disturber(dataset.parameters, dataset_simulator(dataset.engine), dataset.training)
     chosen = rng.permutation(len(dataset.training))[: round(SHARE * len(dataset.training))]
@@ -73,125 +62,120 @@ def disturbed_set(
     return replace(dataset, training=tuple(training)), kinds
 
 
-def learn_disturbed(seed: int, seconds: float) -> DisturbedSet:
+def learn_disturbed(seed: int) -> DisturbedSet:
     """Learn one set, disturbed and undisturbed."""
     task = make_task(1, seed)
     disturbed, kinds = disturbed_set(task.dataset, np.random.default_rng([seed, 1]))
-    seen = disturbed.training_observations
-    learned = learn_by_default(seen, seconds=seconds)
-    undisturbed = learn_by_default(task.dataset.training_observations, seconds=seconds)
-    candidates = [
-        each.parameters.parameters.extended(task.start.materials) for each in (learned, undisturbed)
-    ]
-    costs = task.exact_cost().costs([*candidates, task.start])
-    ours, before, default = costs.tolist()
+    observations = disturbed.training_observations
+    learned = learn_by_default(observations, seconds=SECONDS)
+    undisturbed = learn_by_default(task.dataset.training_observations, seconds=SECONDS)
+    after, before, default = task.compared(
+        task.exact_cost(), learned.parameters.parameters, undisturbed.parameters.parameters
+    )
+    flagged = None
+    if learned.result.assessments is not None:
+        flagged = [each.id for each in learned.result.assessments if each.weight < LEAST_GOOD]
     return DisturbedSet(
         seed,
         kinds,
-        frozenset(each.id for each in seen) - set(kinds),
-        flagged_observations(learned),
-        excess(ours, task.oracle[2], default),
-        excess(before, task.oracle[2], default),
+        good=frozenset(each.id for each in observations) - set(kinds),
+        flagged=flagged,
+        excess=excess(after, task.oracle[2], default),
+        undisturbed=excess(before, task.oracle[2], default),
     )
 
 
-def counted(
-    found: Sequence[DisturbedSet], kind: str | None = None
-) -> tuple[int, int, int, int] | None:
-    """Count flagged and all disturbed throws, then flagged and all good ones.
+@dataclass(frozen=True)
+class Counts:
+    """Numbers of disturbed and of good throws, and those that are flagged among them."""
 
-    Parameters
-    ----------
-    found : sets
-    kind : of the disturbed throws that count; None: all
+    disturbed: int
+    disturbed_flagged: int
+    good: int
+    good_flagged: int
 
-    Returns
-    -------
-    None where observations are not assessed.
-    """
+
+def counted(sets: Sequence[DisturbedSet], kind: str | None = None) -> Counts | None:
+    """Count the disturbed throws of a kind (None: all) and the good ones; None if not assessed."""
     counts = np.zeros(4, dtype=int)
-    for each in found:
+    for each in sets:
         if each.flagged is None:
             return None
         disturbed = {name for name, what in each.kinds.items() if kind in (None, what)}
         flagged = set(each.flagged)
-        counts += (
-            len(flagged & disturbed),
+        counts += [
             len(disturbed),
-            len(flagged & each.good),
+            len(flagged & disturbed),
             len(each.good),
-        )
-    hits, disturbed_count, false, good = counts.tolist()
-    return hits, disturbed_count, false, good
+            len(flagged & each.good),
+        ]
+    return Counts(*counts.tolist())
 
 
-def measure(plan: Plan) -> Findings:
+def measure(quick: bool, first_seed: int) -> Outcome:
     """Learn all sets."""
-    sets = QUICK_SETS if plan.quick else SETS
-    found = []
-    for number in range(sets):
-        report_progress(f"disturbed 1x50, set {number + 1} of {sets}")
-        found.append(learn_disturbed(plan.first_seed + number, SECONDS))
-    entry = figures(found)
-    return Findings(
-        tables=[_set_table(found), _kind_table(found)],
-        figures={"disturbed": entry},
+    count = QUICK_SETS if quick else SETS
+    sets = []
+    for number in range(count):
+        report_progress(f"disturbed 1x50, set {number + 1} of {count}")
+        sets.append(learn_disturbed(first_seed + number))
+    entry = figures(sets)
+    return Outcome(
+        tables=[_set_table(sets), _kind_table(sets)],
+        key_figures={"disturbed": entry},
         complaints=_complaints(entry),
     )
 
 
-def figures(found: Sequence[DisturbedSet]) -> dict[str, Any]:
+def figures(sets: Sequence[DisturbedSet]) -> dict[str, Any]:
     """Return the entry of the last line; null where observations are not assessed."""
-    counts = counted(found)
-    return {
-        "excess": round(float(np.mean([each.excess for each in found])), 4),
-        "flagged": None if counts is None else round(counts[0] / counts[1], 3),
-        "false": None if counts is None else round(counts[2] / counts[3], 3),
-    }
+    counts = counted(sets)
+    flagged = good_flagged = None
+    if counts is not None:
+        flagged = round(counts.disturbed_flagged / counts.disturbed, 3)
+        good_flagged = round(counts.good_flagged / counts.good, 3)
+    mean = round(float(np.mean([each.excess for each in sets])), 4)
+    return {"excess": mean, "flagged": flagged, "false": good_flagged}
 
 
-def _set_table(found: Sequence[DisturbedSet]) -> Table:
-    rows: list[list[Cell]] = []
-    for each in found:
+def _set_table(sets: Sequence[DisturbedSet]) -> Table:
+    def flagged(each: DisturbedSet) -> str | None:
         counts = counted([each])
-        rows.append(
-            [
-                each.seed,
-                f"{len(each.kinds)} of {len(each.kinds) + len(each.good)}",
-                each.excess,
-                EXCESS_BAR,
-                each.undisturbed,
-                1.0,
-                None if counts is None else f"{counts[0]} of {counts[1]}",
-                None if counts is None else f"{counts[2]} of {counts[3]}",
-            ]
-        )
-    return Table(
-        title="1x50, a fifth of the throws disturbed: J over unseen throws, true initial states",
-        columns=[
-            Column("seed"),
-            Column("disturbed throws"),
-            Column("excess", "", ".3f"),
-            Column("bar of the mean", "", "g"),
-            Column("excess without disturbances", "", ".3f"),
-            Column("defaults' excess", "", "g"),
-            Column("disturbed ones flagged"),
-            Column("good ones flagged"),
+        return None if counts is None else f"{counts.disturbed_flagged} of {counts.disturbed}"
+
+    def good_flagged(each: DisturbedSet) -> str | None:
+        counts = counted([each])
+        return None if counts is None else f"{counts.good_flagged} of {counts.good}"
+
+    return Table.of(
+        "1x50, a fifth of the throws disturbed: J over unseen throws, true initial states",
+        sets,
+        [
+            (Column("seed"), lambda s: s.seed),
+            (
+                Column("disturbed throws"),
+                lambda s: f"{len(s.kinds)} of {len(s.kinds) + len(s.good)}",
+            ),
+            (Column("excess", "", ".3f"), lambda s: s.excess),
+            (Column("bar of the mean", "", "g"), lambda s: EXCESS_BAR),
+            (Column("excess without disturbances", "", ".3f"), lambda s: s.undisturbed),
+            (Column("defaults' excess", "", "g"), lambda s: 1.0),
+            (Column("disturbed ones flagged"), flagged),
+            (Column("good ones flagged"), good_flagged),
         ],
-        rows=rows,
     )
 
 
-def _kind_table(found: Sequence[DisturbedSet]) -> Table:
-    kinds = sorted({kind for each in found for kind in each.kinds.values()})
+def _kind_table(sets: Sequence[DisturbedSet]) -> Table:
+    kinds = [kind for each in sets for kind in each.kinds.values()]
     rows: list[list[Cell]] = []
-    for kind in kinds:
-        counts = counted(found, kind)
-        total = sum(kind == what for each in found for what in each.kinds.values())
-        rows.append([kind, None if counts is None else counts[0], total])
-    counts = counted(found)
-    good = sum(len(each.good) for each in found)
-    rows.append(["(good)", None if counts is None else counts[2], good])
+    for kind in sorted(set(kinds)):
+        counts = counted(sets, kind)
+        flagged = None if counts is None else counts.disturbed_flagged
+        rows.append([kind, flagged, kinds.count(kind)])
+    counts = counted(sets)
+    good_flagged = None if counts is None else counts.good_flagged
+    rows.append(["(good)", good_flagged, sum(len(each.good) for each in sets)])
     return Table(
         title="Throws that are flagged, by what happened to them",
         columns=[Column("what happened"), Column("flagged"), Column("of")],
@@ -215,7 +199,3 @@ def _complaints(entry: dict[str, Any]) -> list[str]:
     if entry["false"] > FALSE_BAR:
         complaints.append(f"disturbed: {entry['false']:.0%} false, bar {FALSE_BAR:.0%}")
     return complaints
-
-
-DISTURBED = Part("disturbed", ("disturbed",), measure)
-"""The part of disturbed throws."""

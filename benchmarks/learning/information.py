@@ -1,8 +1,8 @@
-"""How much the observations of a set can tell: estimation that begins at the true θ_s and states.
+"""A bound of what can be learned from a set: estimation that begins at the true θ_s and states.
 
 A learner that begins elsewhere has to find the neighbourhood of the truth among other optima. One
-that begins at the truth has not, so what is left of its excess is due to the noise of the points,
-and to motion that is too sensitive to what is unknown to be fitted at all.
+that begins at the truth has not, so the rest of its excess is due to the noise of the points, and
+to motion that is too sensitive to what is unknown to be fitted at all.
 """
 
 from __future__ import annotations
@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from benchmarks.command import report_progress
-from benchmarks.learning.paper_sets import Task, make_task
-from benchmarks.learning.part import Findings, Part, Plan
+from benchmarks.command import Outcome, report_progress
+from benchmarks.learning.paper_sets import SIZES, Task, make_task
 from benchmarks.learning.scores import excess
-from benchmarks.learning.sets import SIZES
 from benchmarks.results.result import Column, Table
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.parameter_space import ParameterSpace
@@ -33,7 +31,7 @@ ADVANCES = 20
 """Times that the fit horizons advance with everything held at the truth."""
 
 STEPS = 6
-"""Steps of the fit that begins at the truth and then goes where it fits best."""
+"""Steps of the fit that begins at the truth and then goes to where it fits best."""
 
 LONGEST_ADVANCE = 1.0
 """s by which a horizon advances at most at a time: the estimate needs no careful approach."""
@@ -41,15 +39,13 @@ LONGEST_ADVANCE = 1.0
 
 @dataclass(frozen=True)
 class Bound:
-    """What a set tells.
+    """What can be learned from the set of a seed.
 
-    Parameters
-    ----------
-    seed : of the set
-    horizon : s, mean of the times up to which trajectories can be fitted at the truth
-    first, last : excess after one step from the truth, and after `STEPS`
+    The horizon is the mean time in s up to which trajectories can be fitted at the truth; the
+    excess is that after one step from the truth, and after `STEPS`.
     """
 
+    size: str
     seed: int
     horizon: float
     first: float
@@ -57,34 +53,29 @@ class Bound:
 
 
 def true_fits(observed: Sequence[Observation], true: Sequence[Observation]) -> list[ObservationFit]:
-    """Return the true initial states as what a fit has found, with horizons of 0 s.
-
-    Parameters
-    ----------
-    observed : with the initial states that a learner is given
-    true : the same ones with their true initial states
-    """
+    """Return the true initial states as the result of a fit, with horizons of 0 s."""
     fits = []
-    for seen, truth in zip(observed, true, strict=True):
-        free = InitialStateDeviations.of(seen)
-        away = np.array([_away(a, b) for a, b in zip(seen.objects, truth.objects, strict=True)])
-        estimate = np.array([away[axis] for axis in free.axes])
+    for observation, truth in zip(observed, true, strict=True):
+        free = InitialStateDeviations.of(observation)
+        pairs = zip(observation.objects, truth.objects, strict=True)
+        deviations = np.array([_deviation(object_, true_) for object_, true_ in pairs])
+        estimate = np.array([deviations[axis] for axis in free.axes])
         fits.append(ObservationFit(estimate, free.standard_deviations, 0.0))
     return fits
 
 
-def _away(seen: ObservedObject, true: ObservedObject) -> NDArray[np.float64]:
+def _deviation(observed: ObservedObject, true: ObservedObject) -> NDArray[np.float64]:
     """Deviation (12,) of the true initial state from the observed one, as of its covariance."""
-    here, there = seen.initial_state.to_vector(), true.initial_state.to_vector()
+    here, there = observed.initial_state.to_vector(), true.initial_state.to_vector()
     turn = Rotation.from_quat(there[3:7]) * Rotation.from_quat(here[3:7]).inv()
-    away = np.zeros(12)
-    away[POSITION] = there[:3] - here[:3]
-    away[ROTATION] = turn.as_rotvec()
-    away[LINEAR_VELOCITY.start :] = there[7:] - here[7:]
-    return away
+    deviation = np.zeros(12)
+    deviation[POSITION] = there[:3] - here[:3]
+    deviation[ROTATION] = turn.as_rotvec()
+    deviation[LINEAR_VELOCITY.start :] = there[7:] - here[7:]
+    return deviation
 
 
-def bound_of(task: Task, seed: int) -> Bound:
+def bound_of(size: str, task: Task, seed: int) -> Bound:
     """Fit a set from its truth."""
     settings = JointEstimationSettings(largest_advance=LONGEST_ADVANCE, scan_steps=())
     cost = task.training_cost()
@@ -112,46 +103,43 @@ def bound_of(task: Task, seed: int) -> Bound:
     for _ in range(STEPS):
         free.step()
         units.append(free.unit)
-    default, *found = task.exact_cost().costs(
-        [task.start, space.to_parameters(units[0]), space.to_parameters(units[-1])]
+    first, last, default = task.compared(
+        task.exact_cost(), space.to_parameters(units[0]), space.to_parameters(units[-1])
     )
-    first, last = (excess(float(one), task.oracle[2], float(default)) for one in found)
-    return Bound(seed, float(np.mean([one.horizon for one in held])), first, last)
+    return Bound(
+        size,
+        seed,
+        horizon=float(np.mean([fitted.horizon for fitted in held])),
+        first=excess(first, task.oracle[2], default),
+        last=excess(last, task.oracle[2], default),
+    )
 
 
 def _advanced(held: Sequence[ObservationFit], fit: JointFit) -> list[ObservationFit]:
     """Take all but the initial states from a fit."""
-    found = fit.observation_fits()
-    return [replace(b, estimate=a.estimate) for a, b in zip(held, found, strict=True)]
+    fits = fit.observation_fits()
+    return [replace(new, estimate=old.estimate) for old, new in zip(held, fits, strict=True)]
 
 
-def measure(plan: Plan) -> Findings:
+def measure(quick: bool, first_seed: int) -> Outcome:
     """Fit all sets of all sizes from their truth."""
-    found: dict[str, list[Bound]] = {}
+    bounds = []
     for name, size in SIZES.items():
-        count = size.quick_sets if plan.quick else size.sets
+        count = size.quick_sets if quick else size.sets
         for number in range(count):
             report_progress(f"{name} from the truth, set {number + 1} of {count}")
-            seed = plan.first_seed + number
-            found.setdefault(name, []).append(bound_of(make_task(size.objects, seed), seed))
-    return Findings(tables=[_table(found)])
-
-
-def _table(found: dict[str, list[Bound]]) -> Table:
-    return Table(
-        title="What the observations can tell: a fit that begins at the true θ_s and states",
-        columns=[
-            Column("set"),
-            Column("seed"),
-            Column("mean fit horizon", "s", ".2f"),
-            Column("excess after one step", "", ".3f"),
-            Column(f"after {STEPS} steps", "", ".3f"),
-            Column("bar", "", "g"),
-        ],
-        rows=[
-            [name, each.seed, each.horizon, each.first, each.last, SIZES[name].median]
-            for name, bounds in found.items()
-            for each in bounds
+            seed = first_seed + number
+            bounds.append(bound_of(name, make_task(size.objects, seed), seed))
+    table = Table.of(
+        "What the observations can tell: a fit that begins at the true θ_s and states",
+        bounds,
+        [
+            (Column("set"), lambda b: b.size),
+            (Column("seed"), lambda b: b.seed),
+            (Column("mean fit horizon", "s", ".2f"), lambda b: b.horizon),
+            (Column("excess after one step", "", ".3f"), lambda b: b.first),
+            (Column(f"after {STEPS} steps", "", ".3f"), lambda b: b.last),
+            (Column("bar", "", "g"), lambda b: SIZES[b.size].median),
         ],
         note=(
             "Everything is held at the truth while fit horizons advance as far as the posterior "
@@ -160,7 +148,4 @@ def _table(found: dict[str, list[Bound]]) -> Table:
             "do better on the average."
         ),
     )
-
-
-INFORMATION = Part("information", (), measure)
-"""The part that bounds what any learner could reach; measured where it is asked for."""
+    return Outcome([table])

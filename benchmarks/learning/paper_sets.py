@@ -1,68 +1,167 @@
-"""The paper's synthetic sets (Sec. IV-B) as tasks of learning, beside the true θ_s."""
+"""What the parts learn from: the paper's synthetic sets (Sec. IV-B) and streams of throws."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
+from intuitive_physics.observation import Observation
+from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import Simulator, make_simulator
-from intuitive_physics_experiments.paper.paper_dataset import PaperDataset, make_paper_dataset
-from intuitive_physics_learner import TrajectoryCost
-
-SAMPLES = 50
-"""Of each object of a set."""
+from intuitive_physics_experiments.paper.paper_dataset import (
+    PaperDataset,
+    make_paper_dataset,
+    throw_objects,
+)
+from intuitive_physics_experiments.paper.paper_room import (
+    ROOM_MATERIAL,
+    dataset_simulator,
+    draw_parameters,
+    draw_pool,
+)
+from intuitive_physics_learner import (
+    ConvergenceCriteria,
+    LearningOptions,
+    LearningResult,
+    TrajectoryCost,
+    learn,
+)
 
 THREADS = 2
-"""Of the learner's simulator."""
+"""Threads of the learner's simulator."""
 
 TOLERANCE = 0.05
 """Part of the oracle's J by which a learner may stay above it."""
 
 
+@dataclass(frozen=True)
+class Size:
+    """A size of the paper's sets: objects in the pool, with 50 samples of each.
+
+    The bars are of the excess of all sets and of one set; None where one set has no bar.
+    """
+
+    objects: int
+    seconds: float  # wall time that learning may take, with its uncertainties
+    median: float
+    worst: float | None
+    sets: int
+    quick_sets: int
+
+
+SIZES = {
+    "1x50": Size(1, 4.0, 0.05, 0.15, 10, 2),
+    "10x50": Size(10, 30.0, 0.10, None, 3, 1),
+    "20x50": Size(20, 120.0, 0.15, None, 2, 0),
+}
+"""By name: objects by samples. Bars and times are those of issue 17."""
+
+
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A set to learn from, an engine to learn with, and what the oracle reaches.
+    """A set to learn from, the learner's engine, the untouched defaults and the oracle's J.
 
-    Parameters
-    ----------
-    dataset : with the paper's initial states, from three points
-    simulator : of the learner
-    start : θ_s that joint estimation begins from
-    oracle : J of the true θ_s in m, on the training and on the test split, and on the test split
-        from the true initial states
+    The oracle is the true θ_s: its J in m on the training split, on the test split, and on the
+    test split from the true initial states.
     """
 
     dataset: PaperDataset
     simulator: Simulator
     start: StaticParameters
-    oracle: tuple[float, float, float]
+    oracle: tuple[float, float, float] = (np.nan, np.nan, np.nan)
 
     def training_cost(self) -> TrajectoryCost:
         """J over the training split."""
-        observations = self.dataset.training_observations
-        return TrajectoryCost(observations, self.simulator, self.start.materials)
+        return self._cost(self.dataset.training_observations)
 
     def test_cost(self) -> TrajectoryCost:
         """J over the test split."""
-        observations = self.dataset.test_observations
-        return TrajectoryCost(observations, self.simulator, self.start.materials)
+        return self._cost(self.dataset.test_observations)
 
     def exact_cost(self) -> TrajectoryCost:
         """J over the test split from the true initial states, which depends on θ_s alone."""
-        observations = self.dataset.with_initial_states("true").test_observations
+        return self._cost(self.dataset.with_initial_states("true").test_observations)
+
+    def compared(self, cost: TrajectoryCost, *learned: StaticParameters) -> list[float]:
+        """J in m of each learned θ_s, then of the defaults."""
+        candidates = [each.extended(self.start.materials) for each in learned]
+        return cost.costs([*candidates, self.start]).tolist()
+
+    def _cost(self, observations: Sequence[Observation]) -> TrajectoryCost:
         return TrajectoryCost(observations, self.simulator, self.start.materials)
 
 
 def make_task(objects: int, seed: int, simulator: Simulator | None = None) -> Task:
-    """Make the set of that seed."""
-    dataset = make_paper_dataset(objects, SAMPLES, np.random.default_rng(seed))
+    """Make the set of that seed, with 50 samples of each object."""
+    dataset = make_paper_dataset(objects, 50, np.random.default_rng(seed))
     simulator = simulator or make_simulator("auto", threads=THREADS)
-    start = StaticParameters.uniform(dataset.parameters.materials)
-    task = Task(dataset, simulator, start, (np.nan, np.nan, np.nan))
+    task = Task(dataset, simulator, StaticParameters.uniform(dataset.parameters.materials))
     training, test, exact = (
         float(cost.costs([dataset.parameters])[0])
         for cost in (task.training_cost(), task.test_cost(), task.exact_cost())
     )
-    return Task(dataset, simulator, start, (training, test, exact))
+    return replace(task, oracle=(training, test, exact))
+
+
+def ball_throws(seed: int, restitutions: Iterator[float] | None = None) -> Iterator[Observation]:
+    """Yield throws of one ball through the paper's room, without end.
+
+    The first throws of a seed are the same however many are taken. The restitution of ball and
+    room is drawn, or one of the given ones for each throw.
+    """
+    rng = np.random.default_rng(seed)
+    pool = draw_pool(1, rng, [Sphere.kind])
+    simulator = dataset_simulator("auto")
+    true = draw_parameters(pool, rng)
+    while True:
+        if restitutions is not None:
+            restitution = next(restitutions, None)
+            if restitution is None:
+                return
+            true = true.with_pair(pool[0].material, ROOM_MATERIAL, restitution=restitution)
+        yield throw_objects(pool, true, simulator, "three_points", rng).observation
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """What learning returned, after which wall time in s.
+
+    `fell_back`: whether joint estimation was given up for plain descent of J.
+    """
+
+    result: LearningResult
+    seconds: float
+    fell_back: bool
+
+    @property
+    def parameters(self) -> LearnedParameters:
+        """θ_s with its uncertainty."""
+        return self.result.learned
+
+
+def learn_by_default(
+    observations: Sequence[Observation], *, seconds: float | None = None, threads: int = THREADS
+) -> Learned:
+    """Learn as users do: the public function, from the library's defaults, by the default method.
+
+    The limit of wall time covers the uncertainties; None keeps the limits of the library.
+    """
+    criteria = ConvergenceCriteria()
+    if seconds is not None:
+        criteria = ConvergenceCriteria(max_iterations=None, time_limit=seconds)
+    checkpoint: dict[str, Mapping[str, Any]] = {}
+    began = time.perf_counter()
+    result = learn(
+        observations,
+        make_simulator("auto", threads=threads),
+        LearningOptions(criteria=criteria),
+        on_checkpoint=checkpoint.update,
+    )
+    took = time.perf_counter() - began
+    return Learned(result, took, checkpoint["search"].get("descent") is not None)

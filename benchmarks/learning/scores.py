@@ -27,10 +27,6 @@ def excess(learned: float, oracle: float, default: float) -> float:
     0 is as good as the true θ_s, 1 as bad as the untouched defaults. Where the defaults are no
     worse than the true θ_s there is nothing to gain: then it is 0 for what is no worse than the
     true θ_s, and infinite for what is worse.
-
-    Parameters
-    ----------
-    learned, oracle, default : J in m of what was learned, of the true θ_s, of the defaults
     """
     if default <= oracle:
         return 0.0 if learned <= oracle else float("inf")
@@ -39,19 +35,16 @@ def excess(learned: float, oracle: float, default: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """Errors of the identified parameters of one set, in their stated standard deviations.
+    """Errors of the identified parameters of one set, on the scale of the search.
 
-    Parameters
-    ----------
-    scores : (n_identified,) error over standard deviation, both on the parameter's scale of the
-        search, logarithmic for densities and rolling friction; 0 where the true value lies within a
-        stated one-sided interval
-    errors : (n_identified,) those errors in widths of the bounds, at least 0
-    active : number of parameters that the observations could depend on
+    That scale is logarithmic for densities and rolling friction. Active parameters are those that
+    the observations could depend on.
     """
 
+    # (n_identified,) error over the stated standard deviation; 0 where the true value lies within a
+    # stated one-sided interval
     scores: NDArray[np.float64]
-    errors: NDArray[np.float64]
+    errors: NDArray[np.float64]  # (n_identified,) in widths of the bounds, at least 0
     active: int
 
     @property
@@ -68,43 +61,36 @@ class Coverage:
 def coverage(
     learned: LearnedParameters, true: StaticParameters, active: NDArray[np.bool_]
 ) -> Coverage:
-    """Hold what is stated of each identified active parameter against the truth.
-
-    Parameters
-    ----------
-    learned : θ_s with standard deviations and one-sided intervals
-    true : θ_s of the same materials, in any order
-    active : (|θ_s|,) bool, in the order of the learned θ_s
-    """
+    """Compare each identified active parameter with the truth; active is (|θ_s|,) bool."""
     space = ParameterSpace(learned.materials)
     stated = ParameterAxes(space, learned.parameters)
-    truth = ParameterAxes(space, true.extended(learned.materials)).origin
+    truth = true.extended(learned.materials)
     counted = learned.identified & active
-    errors = (stated.origin - truth)[counted]
+    errors = (stated.origin - ParameterAxes(space, truth).origin)[counted]
     deviations = (learned.standard_deviations / stated.slopes)[counted]
-    scores = errors / deviations
-    scores[_within_interval(learned, true)[counted]] = 0.0
+    low, high = learned.intervals.T
+    values = parameter_vector(truth)
+    # An interval is NaN, and no value lies within it, where none is stated.
+    within_interval = (low <= values) & (values <= high)
+    scores = np.where(within_interval[counted], 0.0, errors / deviations)
     return Coverage(scores, np.abs(errors), int(active.sum()))
 
 
-def _within_interval(learned: LearnedParameters, true: StaticParameters) -> NDArray[np.bool_]:
-    """Whether the true value lies within a one-sided interval, (|θ_s|,) bool; False without."""
-    values = parameter_vector(true.extended(learned.materials))
-    low, high = learned.intervals.T
-    return np.asarray((low <= values) & (values <= high))
-
-
-def share_within(found: Sequence[Coverage]) -> float | None:
+def share_within(coverages: Sequence[Coverage]) -> float | None:
     """Return the share of all identified parameters within two deviations; None without any."""
-    identified = sum(each.identified for each in found)
-    return sum(each.within for each in found) / identified if identified else None
+    identified = sum(each.identified for each in coverages)
+    return sum(each.within for each in coverages) / identified if identified else None
 
 
-def identified_of_active(found: Sequence[Coverage]) -> str:
-    """Return "n of m": identified parameters of those that the observations could depend on."""
-    return f"{sum(each.identified for each in found)} of {sum(each.active for each in found)}"
+def identified_of_active(coverages: Sequence[Coverage]) -> str:
+    """Return "n of m": identified parameters of the active ones."""
+    return f"{sum(e.identified for e in coverages)} of {sum(e.active for e in coverages)}"
 
 
-def is_honest(share: float | None) -> bool:
-    """Whether a share within two deviations is one that honest deviations give."""
-    return share is not None and LEAST_WITHIN <= share <= MOST_WITHIN
+def dishonest(coverages: Sequence[Coverage]) -> list[str]:
+    """Return the complaint where the share within two deviations is not that of honest ones."""
+    share = share_within(coverages)
+    if share is not None and LEAST_WITHIN <= share <= MOST_WITHIN:
+        return []
+    shown = "nothing is identified" if share is None else f"{share:.3f}"
+    return [f"within_2_sigma: {shown}, bar {LEAST_WITHIN:g} to {MOST_WITHIN:g}"]

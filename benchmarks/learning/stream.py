@@ -7,7 +7,7 @@ import multiprocessing
 import resource
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
@@ -16,21 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.command import report_progress
-from benchmarks.learning.online_stream import learn_what_is_stored
-from benchmarks.learning.part import Findings, Part, Plan
-from benchmarks.learning.public_learning import learn_by_default
-from benchmarks.learning.stream_start import start_seconds
+from benchmarks.command import Outcome, report_progress
+from benchmarks.learning.online import learn_what_is_stored
+from benchmarks.learning.paper_sets import ball_throws, learn_by_default
+from benchmarks.learning.stream_start import Start, measure_start
 from benchmarks.results.result import Cell, Column, Table
-from intuitive_physics.observation import Observation
-from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import make_simulator
-from intuitive_physics_experiments.paper.paper_dataset import throw_objects
-from intuitive_physics_experiments.paper.paper_room import (
-    dataset_simulator,
-    draw_parameters,
-    draw_pool,
-)
 from intuitive_physics_learner import ObservationStore
 from intuitive_physics_learner.online.options import OnlineOptions
 
@@ -53,7 +44,7 @@ START_BAR = 2.0
 """s within which it is to be ready, issue 17."""
 
 COST_BAR = 1.5
-"""CPU time at most at the largest number over that at the smallest, issue 17."""
+"""Largest CPU time at the largest number over that at the smallest, issue 17."""
 
 BATCH = 1000
 """Observations that are stored at once."""
@@ -68,20 +59,12 @@ are fitted jointly."""
 
 @dataclass(frozen=True)
 class StreamCost:
-    """Cost of new observations beside a number of stored ones.
-
-    Parameters
-    ----------
-    stored : observations before them
-    cpu_seconds : of each of the next ones, from storing it until all is learned
-    recent_seconds : mean CPU time of those before
-    rss_megabytes : largest resident memory of the process
-    """
+    """Cost of new observations beside a number of stored ones."""
 
     stored: int
-    cpu_seconds: tuple[float, ...]
-    recent_seconds: float
-    rss_megabytes: float
+    cpu_seconds: tuple[float, ...]  # of each new one, from storing it until all is learned
+    recent_seconds: float  # mean CPU time of those before
+    rss_megabytes: float  # largest resident memory of the process
 
     @property
     def mean(self) -> float:
@@ -89,34 +72,17 @@ class StreamCost:
         return float(np.mean(self.cpu_seconds))
 
 
-def endless_stream(seed: int) -> Iterator[Observation]:
-    """Yield throws of one ball through the paper's room, without end.
-
-    The first ones of a seed are the same however many are taken.
-    """
-    rng = np.random.default_rng(seed)
-    pool = draw_pool(1, rng, [Sphere.kind])
-    simulator = dataset_simulator("auto")
-    true = draw_parameters(pool, rng)
-    while True:
-        yield throw_objects(pool, true, simulator, "three_points", rng).observation
+Costs = dict[int, StreamCost | None]
+"""By the number of stored observations; None where it was not measured in time."""
 
 
 def measure_cost(stored: int, recent: int, measured: int, seed: int, folder: Path) -> StreamCost:
-    """Learn on-line in a store that holds many observations, and measure the last ones.
+    """Learn on-line in a store of many observations, and measure the last `measured` ones.
 
-    The store is that of a user who has asked for a search over what was stored before. That search
-    was over a few only, which does not change what a new observation costs.
-
-    Parameters
-    ----------
-    stored : observations before the measured ones
-    recent : of these, those that are learned from on-line
-    measured : observations whose cost is measured
-    seed : of the stream
-    folder : of the database
+    The store is that of a user who has asked for a search over what was stored before the recent
+    ones. That search was over a few only, which does not change what a new observation costs.
     """
-    stream = endless_stream(seed)
+    stream = ball_throws(seed)
     simulator, options = make_simulator("auto", threads=1), OnlineOptions()
     with ObservationStore(folder / "learner.sqlite3") as store:
         first = list(itertools.islice(stream, min(SEARCHED, stored - recent)))
@@ -136,7 +102,7 @@ def measure_cost(stored: int, recent: int, measured: int, seed: int, folder: Pat
     return StreamCost(stored, tuple(seconds[recent:]), float(np.mean(seconds[:recent])), memory)
 
 
-def measured_apart(stored: int, recent: int, measured: int, seed: int) -> StreamCost | None:
+def _measured_apart(stored: int, recent: int, measured: int, seed: int) -> StreamCost | None:
     """Measure in a process of its own; None where that fails or takes longer than `PATIENCE`."""
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
@@ -162,53 +128,51 @@ def _send(
     sender.send(measure_cost(stored, recent, measured, seed, folder))
 
 
-def measure(plan: Plan) -> Findings:
+def measure(quick: bool, first_seed: int) -> Outcome:
     """Measure at all numbers of stored observations."""
-    numbers = QUICK_STORED if plan.quick else STORED
-    recent, measured = (QUICK_RECENT, QUICK_MEASURED) if plan.quick else (RECENT, MEASURED)
+    numbers = QUICK_STORED if quick else STORED
+    recent, measured = (QUICK_RECENT, QUICK_MEASURED) if quick else (RECENT, MEASURED)
     report_progress(f"streams with {', '.join(map(str, numbers))} observations stored")
     with ThreadPoolExecutor(WORKERS) as pool:
-        costs = pool.map(
-            lambda stored: measured_apart(stored, recent, measured, plan.first_seed), numbers
+        costs = dict(
+            zip(
+                numbers,
+                pool.map(lambda n: _measured_apart(n, recent, measured, first_seed), numbers),
+                strict=True,
+            )
         )
-        found = dict(zip(numbers, costs, strict=True))
     report_progress(f"start with {START_STORED} observations stored")
-    start = start_seconds(START_STORED)
-    complaints = list(_complaints(found))
-    if start["process_seconds"] > START_BAR:
-        complaints.append(
-            f"stream: start_s_at_{START_STORED} {start['process_seconds']:.2f}, bar {START_BAR:g}"
-        )
-    return Findings(
-        tables=[_cost_table(found), _start_table({1: start_seconds(1), START_STORED: start})],
-        figures={"stream": figures(found, start["process_seconds"])},
-        complaints=complaints,
+    start = measure_start(START_STORED)
+    return Outcome(
+        tables=[_cost_table(costs), _start_table([measure_start(1), start])],
+        key_figures={"stream": figures(costs, start.process_seconds)},
+        complaints=_complaints(costs, start.process_seconds),
     )
 
 
-def figures(found: dict[int, StreamCost | None], start_seconds: float | None) -> dict[str, Any]:
+def figures(costs: Costs, start_seconds: float) -> dict[str, Any]:
     """Return the entry of the last line; null for what was not measured in time."""
-    memory = [cost.rss_megabytes for cost in found.values() if cost is not None]
+    memory = [cost.rss_megabytes for cost in costs.values() if cost is not None]
     return {
         "cpu_s_at": {
             str(stored): None if cost is None else round(cost.mean, 4)
-            for stored, cost in found.items()
+            for stored, cost in costs.items()
         },
-        "start_s_at_100000": None if start_seconds is None else round(start_seconds, 3),
+        "start_s_at_100000": round(start_seconds, 3),
         "rss_mb": round(max(memory), 1) if memory else None,
     }
 
 
-def growth(found: dict[int, StreamCost | None]) -> float | None:
+def growth(costs: Costs) -> float | None:
     """Cost at the largest number of stored observations over that at the smallest."""
-    first, last = found[min(found)], found[max(found)]
+    first, last = costs[min(costs)], costs[max(costs)]
     return None if first is None or last is None else last.mean / first.mean
 
 
-def _cost_table(found: dict[int, StreamCost | None]) -> Table:
-    smallest = found[min(found)]
+def _cost_table(costs: Costs) -> Table:
+    smallest = costs[min(costs)]
     rows: list[list[Cell]] = []
-    for stored, cost in found.items():
+    for stored, cost in costs.items():
         if cost is None:
             rows.append([stored, None, None, None, None, COST_BAR, None, None])
             continue
@@ -231,7 +195,7 @@ def _cost_table(found: dict[int, StreamCost | None]) -> Table:
             Column("measured"),
             Column("CPU time of each, mean", "s", ".3f"),
             Column("worst", "s", ".3f"),
-            Column(f"mean over that at {min(found)}", "", ".2f"),
+            Column(f"mean over that at {min(costs)}", "", ".2f"),
             Column("bar of that at the largest", "", "g"),
             Column("those before, mean", "s", ".3f"),
             Column("largest resident memory", "MB", ".0f"),
@@ -244,49 +208,37 @@ def _cost_table(found: dict[int, StreamCost | None]) -> Table:
     )
 
 
-def _start_table(found: Mapping[int, Mapping[str, float]]) -> Table:
-    rows: list[list[Cell]] = [
+def _start_table(starts: Sequence[Start]) -> Table:
+    return Table.of(
+        "A fresh process that opens a database, and finds θ_s and all materials in it",
+        starts,
         [
-            stored,
-            start["process_seconds"],
-            START_BAR,
-            start["seconds"],
-            start["cpu_seconds"],
-            start["rss_mb"],
-            start["file_mb"],
-        ]
-        for stored, start in found.items()
-    ]
-    return Table(
-        title="A fresh process that opens a database, and finds θ_s and all materials in it",
-        columns=[
-            Column("stored"),
-            Column("with all imports", "s", ".2f"),
-            Column("bar", "s", "g"),
-            Column("opening alone", "s", ".3f"),
-            Column("its CPU time", "s", ".3f"),
-            Column("resident memory", "MB", ".0f"),
-            Column("file", "MB", ".0f"),
+            (Column("stored"), lambda s: s.stored),
+            (Column("with all imports", "s", ".2f"), lambda s: s.process_seconds),
+            (Column("bar", "s", "g"), lambda s: START_BAR),
+            (Column("opening alone", "s", ".3f"), lambda s: s.seconds),
+            (Column("its CPU time", "s", ".3f"), lambda s: s.cpu_seconds),
+            (Column("resident memory", "MB", ".0f"), lambda s: s.rss_megabytes),
+            (Column("file", "MB", ".0f"), lambda s: s.file_megabytes),
         ],
-        rows=rows,
         note="`start_s_at_100000` is with all imports, but for those of ROS.",
     )
 
 
-def _complaints(found: dict[int, StreamCost | None]) -> Sequence[str]:
-    late = [
+def _complaints(costs: Costs, start_seconds: float) -> list[str]:
+    complaints = [
         f"stream: not measured at {stored} stored observations within {PATIENCE:g} s"
-        for stored, cost in found.items()
+        for stored, cost in costs.items()
         if cost is None
     ]
-    grown = growth(found)
+    grown = growth(costs)
     if grown is not None and grown > COST_BAR:
-        late.append(
-            f"stream: CPU time at {max(found)} is {grown:.2f} of that at {min(found)}, "
+        complaints.append(
+            f"stream: CPU time at {max(costs)} is {grown:.2f} of that at {min(costs)}, "
             f"bar {COST_BAR:g}"
         )
-    return late
-
-
-STREAM = Part("stream", ("stream",), measure)
-"""The part of a stream without end."""
+    if start_seconds > START_BAR:
+        complaints.append(
+            f"stream: start_s_at_{START_STORED} {start_seconds:.2f}, bar {START_BAR:g}"
+        )
+    return complaints

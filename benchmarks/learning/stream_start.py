@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from intuitive_physics_learner.store import ObservationStore
 from intuitive_physics_learner.store.observation_rows import insert_entry
 
 POINTS = 45
-"""Of the observation: 1.5 s at 30 frames a second."""
+"""Points of the observation: 1.5 s at 30 frames a second."""
 
 PERIOD = 10.0
 """s from one observation to the next."""
@@ -35,48 +36,46 @@ began, cpu = time.perf_counter(), time.process_time()
 with ObservationStore(sys.argv[1]) as store:
     current, count = CurrentParameters(store), store.count()
     materials = current.extended().materials
-print(json.dumps({
-    "seconds": time.perf_counter() - began,
-    "cpu_seconds": time.process_time() - cpu,
-    "process_cpu_seconds": time.process_time(),
-    "rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
-    "count": count,
-    "materials": materials,
-}))
+print(json.dumps([
+    count,
+    materials,
+    time.perf_counter() - began,
+    time.process_time() - cpu,
+    resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
+]))
 """
-"""What the fresh process does; imports do not count into its seconds."""
+"""Program of the fresh process; imports do not count into its seconds."""
 
 
-def start_seconds(count: int, folder: Path | None = None) -> dict[str, float]:
-    """Measure opening a database and finding θ_s and the materials in it.
+@dataclass(frozen=True)
+class Start:
+    """Opening a database of stored observations and finding θ_s and the materials in it."""
 
-    Parameters
-    ----------
-    count : observations in the database
-    folder : where the database is made for a while; None takes the system's temporary folder
+    stored: int
+    seconds: float  # without imports
+    cpu_seconds: float  # without imports
+    process_seconds: float  # with imports
+    rss_megabytes: float  # the most that the process had
+    file_megabytes: float
 
-    Returns
-    -------
-    dict
-        `seconds` and `cpu_seconds` of opening, without imports; `process_seconds` and
-        `process_cpu_seconds` of the whole process, imports included; `rss_mb`, the most memory the
-        process had, MB; `file_mb`.
-    """
-    with tempfile.TemporaryDirectory(dir=folder) as place:
-        path = Path(place) / "learner.sqlite3"
-        fill(path, count)
+
+def measure_start(stored: int) -> Start:
+    """Measure the start on a database that is made for it."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "learner.sqlite3"
+        _fill(path, stored)
         began = time.perf_counter()
         done = subprocess.run(
             [sys.executable, "-c", OPENING, str(path)], capture_output=True, text=True, check=True
         )
         whole = time.perf_counter() - began
-        found = json.loads(done.stdout)
-        if found.pop("count") != count or found.pop("materials") != ["ball", "floor"]:
-            raise RuntimeError(f"the database of {count} observations was not read as written")
-        return {**found, "process_seconds": whole, "file_mb": os.path.getsize(path) / 1e6}
+        count, materials, seconds, cpu_seconds, memory = json.loads(done.stdout)
+        if count != stored or materials != ["ball", "floor"]:
+            raise RuntimeError(f"the database of {stored} observations was not read as written")
+        return Start(stored, seconds, cpu_seconds, whole, memory, os.path.getsize(path) / 1e6)
 
 
-def fill(path: Path, count: int) -> None:
+def _fill(path: Path, count: int) -> None:
     """Make a database in which one observation occurs `count` times, with other ids and times."""
     ObservationStore(path).close()
     connection = sqlite3.connect(path)
@@ -90,19 +89,19 @@ def fill(path: Path, count: int) -> None:
 
 
 def _rows(count: int) -> Iterator[tuple[str, float, str]]:
-    """Id, time of arrival in s and JSON text of each observation."""
+    """Yield id, time of arrival in s and JSON text of each observation."""
     data = json.loads(_observation().to_json())
-    (seen,) = data["objects"]
-    times = np.array(seen["times"])
+    (ball,) = data["objects"]
+    times = np.array(ball["times"])
     for number in range(count):
         start = PERIOD * number
         data |= {"id": f"{number:032x}", "start_time": start}
-        seen["times"] = (start + times).tolist()
+        ball["times"] = (start + times).tolist()
         yield data["id"], start, json.dumps(data)
 
 
 def _observation() -> Observation:
-    """A ball in free flight."""
+    """Return a ball in free flight."""
     times = np.arange(1, POINTS + 1) / 30.0
     velocity, gravity = np.array([1.0, 0.5, 7.5]), np.array([0.0, 0.0, -9.81])
     state = ObjectState([0.0, 0.0, 0.1], linear_velocity=velocity)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
 
 from benchmarks.learning.paper_sets import Task
+from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner import TrajectoryCost
@@ -21,47 +21,32 @@ CANDIDATES = 20
 """Random θ_s that are evaluated at once."""
 
 ROUNDS = 3
-"""The quickest of them counts."""
+"""Rounds, of which the quickest counts."""
 
 
-@dataclass(frozen=True)
-class Pace:
-    """How long an evaluation of J takes.
-
-    Parameters
-    ----------
-    where : it is evaluated
-    milliseconds : an evaluation, the quickest of some rounds
-    """
-
-    where: str
-    milliseconds: float
-
-
-def compare_paces(task: Task) -> list[Pace]:
-    """Evaluate J of the same random θ_s, `CANDIDATES` at once."""
+def compare_paces(task: Task) -> Table:
+    """Evaluate J of the same random θ_s, `CANDIDATES` at once; ms are of one evaluation."""
     space = ParameterSpace(task.start.materials)
     points = np.random.default_rng(0).random((CANDIDATES, space.size))
     candidates = [space.to_parameters(point) for point in points]
-    seen = task.dataset.training_observations
+    observations = task.dataset.training_observations
 
-    def pace(where: str, cost: Cost) -> Pace:
+    def milliseconds(cost: Cost) -> float:
         cost.costs(candidates)
-        took = []
+        seconds = []
         for _ in range(ROUNDS):
             began = time.perf_counter()
             cost.costs(candidates)
-            took.append(time.perf_counter() - began)
-        return Pace(where, 1e3 * min(took) / CANDIDATES)
+            seconds.append(time.perf_counter() - began)
+        return 1e3 * min(seconds) / CANDIDATES
 
-    paces = [
-        pace(
-            f"this process, threads: {threads}",
-            TrajectoryCost(seen, make_simulator("auto", threads=threads), task.start.materials),
-        )
-        for threads in (1, WORKERS)
-    ]
+    rows: list[list[Cell]] = []
+    for threads in (1, WORKERS):
+        simulator = make_simulator("auto", threads=threads)
+        cost = TrajectoryCost(observations, simulator, task.start.materials)
+        rows.append([f"this process, threads: {threads}", milliseconds(cost)])
     with CostMaker(f"local:{WORKERS}") as make_cost:
-        cost = make_cost(seen, make_simulator("auto", threads=1), task.start.materials)
-        paces.append(pace(f"Dask, processes: {WORKERS}", cost))
-    return paces
+        shared = make_cost(observations, make_simulator("auto", threads=1), task.start.materials)
+        rows.append([f"Dask, processes: {WORKERS}", milliseconds(shared)])
+    columns = [Column("where"), Column("ms", "ms", ".1f")]
+    return Table("An evaluation of J over the training split, 10x50", columns, rows)

@@ -2,104 +2,104 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.command import report_progress
+from benchmarks.command import Outcome, report_progress
 from benchmarks.learning.methods.cluster import compare_paces
 from benchmarks.learning.methods.figure import draw_figure
-from benchmarks.learning.methods.histories import joint_run, rule_history
+from benchmarks.learning.methods.histories import (
+    Histories,
+    Joint,
+    joint_run,
+    rule_history,
+    seconds_to_tolerance,
+)
 from benchmarks.learning.methods.loop_beside import compare_lateness
 from benchmarks.learning.methods.peers import compare_engines
-from benchmarks.learning.methods.report import Histories, Joint, Measured, tables
-from benchmarks.learning.paper_sets import make_task
-from benchmarks.learning.part import Findings, Part, Plan
+from benchmarks.learning.paper_sets import SIZES, TOLERANCE, make_task
+from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics_learner import FURTHER_RULES, UPDATE_RULES
 
-SETS = {"1x50": 1, "10x50": 10, "20x50": 20}
-"""Numbers of objects by the name of the set: objects by samples."""
+BARS = {"1x50": 2.0, "10x50": 30.0, "20x50": 120.0}
+"""s within which the test split's J is to be within 5 % of the oracle's, on two quiet cores."""
+
+RULE_SEEDS = (2, 1, 1)
+"""Runs of each update rule on the set of each size."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is measured, for each set in the order of `SETS`.
+    """How much is measured, for the set of each size in turn."""
 
-    Parameters
-    ----------
-    seconds : that joint estimation may take on one set
-    rule_seeds : runs of each update rule, on the same set
-    iterations : of each of these
-    further_iterations : of CMA-ES and its further kinds
-    peer_seconds : that each other engine may take
-    loop_seconds : that a loop beside the learner is watched for
-    """
-
-    seconds: tuple[float, ...]
-    rule_seeds: tuple[int, ...]
-    iterations: tuple[int, ...]
-    further_iterations: tuple[int, ...]
-    peer_seconds: float
-    loop_seconds: float
+    seconds: tuple[float, ...]  # that joint estimation may take
+    iterations: tuple[int, ...]  # of each run of an update rule
+    further_iterations: tuple[int, ...]  # of CMA-ES and its further kinds
+    peer_seconds: float  # that each other engine may take
+    loop_seconds: float  # that a loop beside the learner is watched for
 
 
-FULL = Effort(
-    seconds=(4.0, 20.0, 60.0),
-    rule_seeds=(2, 1, 1),
-    iterations=(500, 150, 60),
-    further_iterations=(0, 200, 100),
-    peer_seconds=10.0,
-    loop_seconds=5.0,
-)
-"""Of the results that are kept."""
+FULL = Effort((4.0, 20.0, 60.0), (500, 150, 60), (0, 200, 100), 10.0, 5.0)
+"""For results that are kept."""
 
-QUICK = Effort(
-    seconds=(3.0, 10.0, 20.0),
-    rule_seeds=(2, 1, 1),
-    iterations=(150, 50, 25),
-    further_iterations=(0, 50, 0),
-    peer_seconds=5.0,
-    loop_seconds=2.0,
-)
-"""Of a first look."""
+QUICK = Effort((3.0, 10.0, 20.0), (150, 50, 25), (0, 50, 0), 5.0, 2.0)
+"""For a first look."""
 
 KINDS_OF_CMA_ES = ("cma_es", *FURTHER_RULES)
 """Rules that are compared over many more iterations."""
 
 
-def measure(plan: Plan) -> Findings:
+def measure(quick: bool, first_seed: int) -> Outcome:
     """Measure all."""
-    effort = QUICK if plan.quick else FULL
-    joint = run_joint(effort, plan.first_seed)
-    histories = run_rules(effort, joint)
-    further = run_further(effort, joint)
+    effort = QUICK if quick else FULL
+    joint = _run_joint(effort, first_seed)
+    rules = _run_rules(effort, joint)
+    further = _run_further(effort, joint)
     report_progress("other engines")
-    peers = compare_engines(effort.peer_seconds, plan.first_seed)
+    engines = compare_engines(effort.peer_seconds, first_seed)
     report_progress("beside a loop, and on a cluster")
-    beside = compare_lateness(joint["10x50"][0], effort.loop_seconds)
-    paces = compare_paces(joint["10x50"][0])
-    return Findings(
-        tables=tables(Measured(joint, histories, further, peers, beside, paces)),
-        draw=lambda path: draw_figure(histories, joint, path),
+    task, _ = joint["10x50"]
+    return Outcome(
+        tables=[
+            _joint_table(joint),
+            _rules_table(
+                "The paper's nine rules: J over the training split in m, mean over seeds",
+                joint,
+                rules,
+                tuple(UPDATE_RULES),
+            ),
+            _rules_table(
+                "CMA-ES for hundreds of parameters: likewise, one seed",
+                joint,
+                further,
+                KINDS_OF_CMA_ES,
+            ),
+            engines,
+            compare_lateness(task, effort.loop_seconds),
+            compare_paces(task),
+        ],
+        draw=lambda path: draw_figure(rules, joint, path),
     )
 
 
-def run_joint(effort: Effort, seed: int) -> Joint:
+def _run_joint(effort: Effort, seed: int) -> Joint:
     """Run joint estimation on every set, after a step that loads and compiles all kernels."""
     report_progress("kernels")
     joint_run(make_task(10, 0), 0.0)
     joint: Joint = {}
-    for (name, objects), seconds in zip(SETS.items(), effort.seconds, strict=True):
+    for (name, size), seconds in zip(SIZES.items(), effort.seconds, strict=True):
         report_progress(name)
-        task = make_task(objects, seed)
+        task = make_task(size.objects, seed)
         joint[name] = (task, joint_run(task, seconds))
     return joint
 
 
-def run_rules(effort: Effort, joint: Joint) -> Histories:
-    """Mean J over seeds after each iteration, by set and rule."""
+def _run_rules(effort: Effort, joint: Joint) -> Histories:
+    """Return the mean J over seeds of the paper's nine rules."""
     histories: Histories = {}
-    for name, seeds, iterations in zip(SETS, effort.rule_seeds, effort.iterations, strict=True):
+    for name, seeds, iterations in zip(joint, RULE_SEEDS, effort.iterations, strict=True):
         task, _ = joint[name]
         histories[name] = {}
         for rule in UPDATE_RULES:
@@ -109,10 +109,10 @@ def run_rules(effort: Effort, joint: Joint) -> Histories:
     return histories
 
 
-def run_further(effort: Effort, joint: Joint) -> Histories:
-    """J of CMA-ES and its further kinds after each of the same number of evaluations."""
+def _run_further(effort: Effort, joint: Joint) -> Histories:
+    """Return J of CMA-ES and its further kinds after each of the same number of evaluations."""
     histories: Histories = {}
-    for name, iterations in zip(SETS, effort.further_iterations, strict=True):
+    for name, iterations in zip(joint, effort.further_iterations, strict=True):
         if iterations:
             report_progress(f"{name}, {', '.join(KINDS_OF_CMA_ES)}")
             task, _ = joint[name]
@@ -122,5 +122,51 @@ def run_further(effort: Effort, joint: Joint) -> Histories:
     return histories
 
 
-METHODS = Part("methods", (), measure)
-"""The part that compares methods, engines and ways to evaluate J."""
+def _joint_table(joint: Joint) -> Table:
+    rows: list[list[Cell]] = []
+    for name, (task, run) in joint.items():
+        (default,) = task.compared(task.test_cost())
+        (exact_default,) = task.compared(task.exact_cost())
+        _, oracle, exact_oracle = task.oracle
+        rows.append(
+            [
+                name,
+                seconds_to_tolerance(run, oracle),
+                BARS[name],
+                run.test[-1] / oracle,
+                default / oracle,
+                "yes" if default <= (1.0 + TOLERANCE) * oracle else "no",
+                run.exact,
+                exact_oracle,
+                exact_default,
+                run.seconds[-1],
+            ]
+        )
+    return Table(
+        title="Time until test J is within 5 % of that of the true θ_s, one set each",
+        columns=[
+            Column("set"),
+            Column("s to 5 %", "s", ".2f"),
+            Column("bar", "s", "g"),
+            Column("test J / oracle's", "", ".3f"),
+            Column("defaults' J / oracle's", "", ".3f"),
+            Column("defaults pass"),
+            Column("J from true initial states: learned", "m", ".3f"),
+            Column("oracle", "m", ".3f"),
+            Column("defaults", "m", ".3f"),
+            Column("s in all", "s", ".1f"),
+        ],
+        rows=rows,
+    )
+
+
+def _rules_table(title: str, joint: Joint, histories: Histories, rules: Sequence[str]) -> Table:
+    rows: list[list[Cell]] = [
+        [rule, *(float(by_rule[rule][-1]) for by_rule in histories.values())] for rule in rules
+    ]
+    rows.append(["(true θ_s)", *(joint[name][0].oracle[0] for name in histories)])
+    columns = [
+        Column(f"{name}, {by_rule[rules[0]].size} iterations", "m", ".3f")
+        for name, by_rule in histories.items()
+    ]
+    return Table(title, [Column("rule"), *columns], rows)

@@ -2,33 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import matplotlib
 import numpy as np
-from numpy.typing import NDArray
 
-from benchmarks.learning.methods.histories import JointRun
-from benchmarks.learning.paper_sets import Task
+from benchmarks.learning.methods.histories import Histories, Joint
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
 
-def draw_figure(
-    histories: Mapping[str, Mapping[str, NDArray[np.float64]]],
-    joint: Mapping[str, tuple[Task, JointRun]],
-    path: Path,
-) -> None:
-    """Draw a column for each set: rules above, joint estimation below.
-
-    Parameters
-    ----------
-    histories : mean J over the training split after each iteration, by set and rule
-    joint : a run of joint estimation by set
-    path : where to write the figure
-    """
+def draw_figure(histories: Histories, joint: Joint, path: Path) -> None:
+    """Draw a column for each set: rules above, joint estimation below."""
     figure, axes = plt.subplots(
         2, len(histories), figsize=(4.2 * len(histories), 7.0), squeeze=False
     )

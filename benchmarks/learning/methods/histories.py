@@ -36,22 +36,16 @@ def rule_history(task: Task, rule: str, seed: int, iterations: int) -> NDArray[n
 
 @dataclass(frozen=True, eq=False)
 class JointRun:
-    """How joint estimation went on one set.
+    """How joint estimation went on one set: arrays (n,) of the time after each step.
 
-    Parameters
-    ----------
-    seconds : (n,) wall time after each step in s, with the set-up, without the evaluations of J
-        over the test split
-    iterations : (n,) evaluations of J that would have simulated as much
-    training, test : (n,) J in m by then
-    exact : J in m over the test split from the true initial states, of what was learned
+    The wall time is with the set-up, without the evaluations of J over the test split.
     """
 
     seconds: NDArray[np.float64]
-    iterations: NDArray[np.int64]
-    training: NDArray[np.float64]
-    test: NDArray[np.float64]
-    exact: float
+    iterations: NDArray[np.int64]  # evaluations of J that would have simulated as much
+    training: NDArray[np.float64]  # J in m
+    test: NDArray[np.float64]  # J in m
+    exact: float  # J in m over the test split from the true initial states, in the end
 
 
 def joint_run(task: Task, time_limit: float) -> JointRun:
@@ -62,28 +56,21 @@ def joint_run(task: Task, time_limit: float) -> JointRun:
     cost = task.training_cost()
     influence = parameter_influence(cost.observations, cost.materials)
     learning = LearningTask(cost, space, influence, task.start)
-    own, generator = influence[:, learning.active], np.random.default_rng(0)
-    search = JointSearch(cost, learning.searched, own, learning.prior, generator)
-    looking = 0.0
+    active = influence[:, learning.active]
+    generator = np.random.default_rng(0)
+    search = JointSearch(cost, learning.searched, active, learning.prior, generator)
     rows = []
-    while True:
-        if search.step(1) == 0:
-            break
-        seconds = time.perf_counter() - began - looking
-        look = time.perf_counter()
-        here = float(test.costs([search.best_parameters])[0])
-        looking += time.perf_counter() - look
-        rows.append((seconds, search.iterations, search.best_cost, here))
-        if seconds > time_limit:
-            break
-    seconds, iterations, training, tested = np.array(rows).T
-    return JointRun(
-        seconds,
-        iterations.astype(np.int64),
-        training,
-        tested,
-        float(task.exact_cost().costs([search.best_parameters])[0]),
-    )
+    seconds = 0.0
+    while seconds <= time_limit and search.step(1) > 0:
+        stopped = time.perf_counter()
+        seconds = stopped - began
+        tested = float(test.costs([search.best_parameters])[0])
+        rows.append((seconds, search.iterations, search.best_cost, tested))
+        # The clock stands still meanwhile.
+        began += time.perf_counter() - stopped
+    times, iterations, training, tests = np.array(rows).T
+    exact = float(task.exact_cost().costs([search.best_parameters])[0])
+    return JointRun(times, iterations.astype(np.int64), training, tests, exact)
 
 
 def seconds_to_tolerance(run: JointRun, oracle: float) -> float:
@@ -92,3 +79,10 @@ def seconds_to_tolerance(run: JointRun, oracle: float) -> float:
     above = np.flatnonzero(run.test > (1.0 + TOLERANCE) * oracle)
     first = 0 if above.size == 0 else above[-1] + 1
     return float(run.seconds[first]) if first < run.seconds.size else np.inf
+
+
+Joint = dict[str, tuple[Task, JointRun]]
+"""A task and its run of joint estimation, by set."""
+
+Histories = dict[str, dict[str, NDArray[np.float64]]]
+"""J in m over the training split after each iteration, by set and rule."""

@@ -9,33 +9,31 @@ from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.learning.paper_sets import Task
-from benchmarks.steady_loop import Lateness, watch_loops
+from benchmarks.results.result import Column, Table
+from benchmarks.steady_loop import watch_loops
 from intuitive_physics_learner import ObservationStore
 from intuitive_physics_learner.online.background_learning import BackgroundLearning
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.worker import LEARNING
 
 COPIES = 1000
-"""Of each observation, so that there is more to learn from than time."""
+"""Copies of each observation, so that there is more to learn from than time."""
 
 PATIENCE = 60.0
-"""s that the learner has to be at work."""
+"""s within which the learner has to be at work."""
 
 
-def compare_lateness(task: Task, seconds: float) -> list[Lateness]:
+def compare_lateness(task: Task, seconds: float) -> Table:
     """Run the loop alone, and beside a learner with endless work, on the one core that it has."""
     core = sorted(os.sched_getaffinity(0))[-1:]
-    rows = [watch_loops("nothing", seconds, core)]
+    alone = watch_loops("nothing", seconds, core)
+    rows = [alone]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "learner.sqlite3"
+        observations = task.dataset.training_observations
         with ObservationStore(path) as store:
             for copy in range(COPIES):
-                store.add_all(
-                    [
-                        replace(one, id=f"{one.id} {copy}")
-                        for one in task.dataset.training_observations
-                    ]
-                )
+                store.add_all([replace(each, id=f"{each.id} {copy}") for each in observations])
         for priority in ("idle", "normal"):
             background = BackgroundLearning(path, "auto", lambda: None)
             background.start(OnlineOptions(), cores=1, priority=priority)
@@ -45,7 +43,17 @@ def compare_lateness(task: Task, seconds: float) -> list[Lateness]:
                 rows.append(watch_loops(beside, seconds, core))
             finally:
                 background.stop()
-    return rows
+    return Table.of(
+        "A 100 Hz loop on the one core of the background learner: ms from tick to work done",
+        rows,
+        [
+            (Column("beside it"), lambda r: r.beside),
+            (Column("median", "ms", ".2f"), lambda r: r.median),
+            (Column("99 %", "ms", ".2f"), lambda r: r.most),
+            (Column("worst", "ms", ".2f"), lambda r: r.worst),
+            (Column("99 % over that alone", "", ".2f"), lambda r: r.most / alone.most),
+        ],
+    )
 
 
 def _at_work(background: BackgroundLearning) -> bool:

@@ -103,33 +103,34 @@ def test_what_the_image_cuts_off_is_not_measured(corner_model, find, shapes) -> 
     assert find(shapes["box"](edge, (0.2, 0.2, 0.2), 0.6)) == []
 
 
+def furnished(corner_model, place, edges, turn):
+    """The model of the corner with a static box, whose true place is in the world."""
+    room, model = corner_model
+    rotation = Rotation.from_matrix(model.rotation @ room.rotation.T)
+    rotation *= Rotation.from_euler("z", turn)
+    center = model.to_environment(room.to_camera(place))
+    crate = StaticBox("crate", "wood", center, rotation.as_quat(), edges)
+    environment = model.environment
+    return replace(model, environment=Environment(environment.planes, [crate], environment.gravity))
+
+
 def test_a_static_box_of_the_environment_is_no_object(corner_model, shapes) -> None:
     room, model = corner_model
     place, edges = np.array([1.5, 0.0, 0.08]), (0.2, 0.24, 0.16)
-    turn = Rotation.from_matrix(model.rotation @ room.rotation.T) * Rotation.from_euler("z", 0.7)
-    center = model.to_environment(room.to_camera(place))
-    crate = StaticBox("crate", "wood", center, turn.as_quat(), edges)
-    known = model.environment
-    furnished = replace(model, environment=Environment(known.planes, [crate], known.gravity))
     points = room.points(extra=[shapes["box"](place, edges, 0.7)])
     clusters = ForegroundFinder(model, SETTINGS).find(points).indices
-    for world, count in ((model, 1), (furnished, 0)):
+    for world, count in ((model, 1), (furnished(corner_model, place, edges, 0.7), 0)):
         finder = SolidFinder(world, SETTINGS, np.random.default_rng(4))
         found = [solid for solid in finder.find(points, clusters) if solid is not None]
         assert len(found) == count
 
 
 def test_a_crate_is_a_static_box_and_a_ball_before_it_or_on_it_is_not(corner_model, shapes) -> None:
-    room, model = corner_model
+    room, _ = corner_model
     place, edges = np.array([1.6, 0.0, 0.1]), (0.3, 0.3, 0.2)
-    turn = Rotation.from_matrix(model.rotation @ room.rotation.T) * Rotation.from_euler("z", 0.5)
-    crate = StaticBox(
-        "crate", "wood", model.to_environment(room.to_camera(place)), turn.as_quat(), edges
-    )
-    known = model.environment
-    furnished = replace(model, environment=Environment(known.planes, [crate], known.gravity))
-    foreground = ForegroundFinder(furnished, SETTINGS)
-    static_boxes = StaticBoxFilter(furnished, SETTINGS)
+    model = furnished(corner_model, place, edges, 0.5)
+    foreground = ForegroundFinder(model, SETTINGS)
+    static_boxes = StaticBoxFilter(model, SETTINGS)
     box = shapes["box"](place, edges, 0.5)
     for balls in ([], [((1.25, 0.0, 0.25), 0.05)], [((1.6, 0.0, 0.25), 0.05)]):
         points = room.points(balls, [box])

@@ -206,16 +206,6 @@ def test_planes_come_by_support_and_coplanar_ones_are_one(rng) -> None:
     assert planes[1].offset == pytest.approx(-2.5, abs=0.002)
 
 
-def test_equal_seeds_find_equal_planes(corner_model) -> None:
-    room, _ = corner_model
-    frame = room.points()
-    first, second = (
-        model_environment([frame], SETTINGS, np.random.default_rng(5)) for _ in range(2)
-    )
-    assert first.rotation.tobytes() == second.rotation.tobytes()
-    assert first.environment.to_dict() == second.environment.to_dict()
-
-
 def test_a_hint_chooses_the_support(rng) -> None:
     wall = patch(rng, (0, 0, -1), -2.0, 2.0, 4000)
     floor = patch(rng, (0, -1, 0), -1.0, 2.0, 2000) + [0, 0, 2.0]

@@ -188,13 +188,3 @@ def test_the_transition_is_the_derivative_of_the_prediction() -> None:
             acceleration_noise=0.0,
         )
         assert (there.mean - found.mean) / step == pytest.approx(found.transition[:, k], abs=1e-6)
-
-
-def test_a_ball_falls_off_the_edge_of_a_table() -> None:
-    # Counter-clockwise seen from above.
-    corners = [(-1, -1, 0.5), (0, -1, 0.5), (0, 1, 0.5), (-1, 1, 0.5)]
-    table = Environment([Plane("table", "m", (0, 0, 1), 0.5, corners)])
-    on, _ = predict(ball((-0.5, 0, 0.5 + RADIUS), (0.5, 0, 0)), 0.2, table)
-    assert on[2] == pytest.approx(0.5 + RADIUS)
-    off, _ = predict(ball((0.1, 0, 0.5 + RADIUS), (0.5, 0, 0)), 0.2, table)
-    assert off[2] == pytest.approx(0.5 + RADIUS - 0.5 * 9.81 * 0.2**2)

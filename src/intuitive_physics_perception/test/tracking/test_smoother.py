@@ -68,18 +68,12 @@ def squared_errors(rng, hidden=()):
     return np.array(filtered), np.array(smoothed)
 
 
-def test_squared_errors_are_as_large_as_the_covariances_say(rng) -> None:
+@pytest.mark.parametrize("hidden", [(), (6, 7, 8)], ids=["seen", "hidden"])
+def test_squared_errors_are_as_large_as_the_covariances_say(rng, hidden) -> None:
     # The sum over runs of normalised squared errors (NEES) obeys χ² with 7 degrees of freedom a
     # run. Bands hold 99.99 % each, as there is one for each frame. At first the velocity is known
     # by its prior alone, which these throws do not fill.
-    filtered, smoothed = squared_errors(rng)
-    low, high = chi2.ppf([5e-5, 1.0 - 5e-5], 7 * RUNS)
-    for nees in (filtered[:, 2:], smoothed[:, 2:]):
-        assert ((nees.sum(axis=0) > low) & (nees.sum(axis=0) < high)).all()
-
-
-def test_hidden_frames_are_honest_too(rng) -> None:
-    filtered, smoothed = squared_errors(rng, hidden=(6, 7, 8))
+    filtered, smoothed = squared_errors(rng, hidden)
     low, high = chi2.ppf([5e-5, 1.0 - 5e-5], 7 * RUNS)
     for nees in (filtered[:, 2:], smoothed[:, 2:]):
         assert ((nees.sum(axis=0) > low) & (nees.sum(axis=0) < high)).all()

@@ -94,4 +94,4 @@ def _as_cloud(points: NDArray[np.float32], kind: str) -> NDArray[np.float32]:
 
 
 WARM_UPS: tuple[WarmUp, ...] = (warm_up,)
-"""What `intuitive_physics.kernels.warm_up` calls."""
+"""Functions that `intuitive_physics.kernels.warm_up` calls."""

@@ -38,7 +38,7 @@ class PerceivedObject:
 
 @dataclass(frozen=True)
 class FrameDiagnostics:
-    """What happened to one frame.
+    """Numbers and times of one frame.
 
     Parameters
     ----------

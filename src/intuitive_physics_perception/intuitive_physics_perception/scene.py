@@ -68,14 +68,14 @@ HINDSIGHT_FRAMES = 2
 """Frames looked back into in each new one, which bounds its time."""
 
 HINDSIGHT_GATE = 0.5
-"""How far from a straight line through the next two a ball may have been then, in radii: a hand
+"""Distance of a ball from a straight line through the next two, in radii, at most: a hand
 that gains 30 m/s² moves it by 16 mm in 1/30 s."""
 
 CHECKED_POINTS = 1200
 """Points of each frame, evenly over it, that are compared with the planes: bounds the time."""
 
 LOOK_EVERY = 0.25
-"""s between two checks of what has changed: half of the shortest time in which something may."""
+"""Time, s, between two checks for changes: half of the shortest time of a change."""
 
 
 class EnvironmentCheck:
@@ -146,7 +146,7 @@ class EnvironmentCheck:
 
 
 class Stages:
-    """What finds objects in the frames of one environment, and what it remembers of it.
+    """Finders of objects in the frames of one environment, with their memories.
 
     `before` (height, width) m, the nearest that each pixel read when the environment was modelled,
     NaN for nothing; None where readings have no fixed pixels; `clutter`: what else stands there,
@@ -445,7 +445,7 @@ def _ids(environment: Environment) -> set[str]:
 def _settled_view(
     model: EnvironmentModel, frames: Sequence[NDArray[np.float32]], settings: PerceptionSettings
 ) -> SettledView | None:
-    """What watches the environment that frames (height, width, 3) m show, where that is possible
+    """View that watches the environment in frames (height, width, 3) m, where that is possible
     and asked for."""
     if not (settings.revise_environment and is_organised(frames)):
         return None

@@ -1,1 +1,1 @@
-"""What the surface of an object shows: how a ball turns."""
+"""The spin of a ball from its surface."""

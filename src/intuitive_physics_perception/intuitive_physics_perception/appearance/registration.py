@@ -21,7 +21,7 @@ RIM = 0.4
 """Cosine of the largest angle between a direction and that to the sensor that is compared."""
 
 GRADIENT, MEAT, CELLS, PRODUCT, POWER, UNEVEN = 9, 12, 21, 22, 23, 24
-"""Where the sums of `overlay` stand, after the normal matrix."""
+"""Places of the sums of `overlay`, after the normal matrix."""
 
 TAPER = 0.3
 """Cosine above `RIM` from which on a cell has its full weight: near the rim a pixel sees a part of

@@ -44,7 +44,7 @@ MAD_OF_SECOND_DIFFERENCE = 0.6745 * np.sqrt(6.0)
 
 @dataclass(frozen=True, eq=False)
 class SphereImage:
-    """What a sphere shows in one frame.
+    """Image of a sphere in one frame.
 
     Parameters
     ----------

@@ -33,11 +33,11 @@ LIGHT_SLOPE = 0.3
 and which stands still, 1/rad."""
 
 LARGEST_TURN = 2.6
-"""rad from frame to frame of a spin that is believed. More than half a turn looks like the rest of
-a turn the other way: with this limit a ball must turn by 3.7 rad to be mistaken."""
+"""Largest turn from frame to frame, rad, of an accepted spin. More than half a turn looks like the
+rest of a turn the other way: with this limit a ball must turn by 3.7 rad to be mistaken."""
 
 LONGEST_STEP = 0.3
-"""rad between the images farthest apart, by which a spin is corrected at most in one step."""
+"""Largest correction of a spin in one step, rad between the images farthest apart."""
 
 SMALL_STEP = 0.04
 """Part of `LONGEST_STEP` below which a correction is the last."""
@@ -52,7 +52,7 @@ ALIKE = 8.0
 """Cells whose differences are one error, where the images' edges are not alike."""
 
 LIGHT_WIDTH = 1.0
-"""rad by which light that stands still is turned where it no longer resembles itself."""
+"""Turn, rad, after which light that stands still does not resemble itself."""
 
 SURE = 0.99
 """Largest correlation that is counted: what is missing to 1 comes from the cells' size alone."""
@@ -176,7 +176,8 @@ class ImageSeries:
         return np.asarray(pull * spin / rate)
 
     def _geometry_covariance(self, spin: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What errors of the grid, of the centres and of the radius make of a spin (3,) rad/s."""
+        """Covariance of a spin (3,) rad/s by errors of the grid, of the centres and of the
+        radius."""
         slopes = _slopes(spin, self.times - self.times.mean())
         toward = self._axes[:, 2]
         across = np.eye(3) - toward[:, :, None] * toward[:, None, :]
@@ -195,8 +196,8 @@ class ImageSeries:
 
 
 def _bend(spin: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What errors of its axis make of the size of a spin (3,) rad/s: axes that are equally good lie
-    on a sphere rather than in the plane that touches it."""
+    """Covariance of the size of a spin (3,) rad/s by errors of its axis: axes that are equally good
+    lie on a sphere rather than in the plane that touches it."""
     size = max(float(np.linalg.norm(spin)), 1e-9)
     axis = spin / size
     away = (np.trace(covariance) - axis @ covariance @ axis) / (2.0 * size)

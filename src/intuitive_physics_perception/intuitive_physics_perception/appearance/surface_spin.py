@@ -41,7 +41,7 @@ LIGHT_TURN = 0.3
 plain ball, rad/s."""
 
 HIGHLIGHT_TURN = 0.3
-"""The same of a highlight, as a part of the angular velocity of the line of sight."""
+"""`LIGHT_TURN` of a highlight, as a part of the angular velocity of the line of sight."""
 
 STANDING_GATE = 25.0
 """Squared angular velocity, in variances, that a pattern must have: what stands still in the room,
@@ -64,10 +64,10 @@ PROVEN = 3
 """Frames that agree with a known spin before a frame that does not is taken for a new spin."""
 
 NEAR_TURN = 0.35
-"""rad from frame to frame, beside the best rotation, from where another one is looked for."""
+"""Turn from frame to frame, rad, beside the best rotation, from which another one is searched."""
 
 RECURRING = 1.3
-"""rad from frame to frame, above which some of the images that are compared may be a whole turn
+"""Turn from frame to frame, rad, above which some of the compared images may be a whole turn
 apart. Those look alike for every axis, so more candidate rotations have to be compared."""
 
 RIVALS = 3

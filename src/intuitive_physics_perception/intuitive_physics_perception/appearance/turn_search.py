@@ -28,7 +28,8 @@ MIN_CONTRAST = 2.5
 pixel, below which it is plain."""
 
 LARGEST_SEARCHED = 2.9
-"""rad from frame to frame: a little less than half a turn, which has two directions."""
+"""Largest turn from frame to frame, rad: a little less than half a turn, which has two
+directions."""
 
 LAGS = 4
 """Images that far apart in order are compared. What turns by a third of a turn from one frame to
@@ -42,11 +43,11 @@ UNEVEN = 0.1
 """Intervals by which the time between two images may differ from a whole number of them."""
 
 APART = 0.3
-"""rad from frame to frame by which spins differ that are returned."""
+"""Smallest difference of returned spins, rad from frame to frame."""
 
 
 class TurnSearch:
-    """How well the images of a flight go together, for each of many constant spins.
+    """Agreement of the images of a flight, for each of many constant spins.
 
     What two images that are some intervals apart say of the rotation between them is kept for all
     rotations, one table for each number of intervals. A spin is at one place in each table.

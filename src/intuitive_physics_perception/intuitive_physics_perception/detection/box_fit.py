@@ -102,7 +102,7 @@ def fit_box(
 def _bounds(
     points: NDArray[np.float64], faces: BoxFaces
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where the box begins and ends along its axes, (3,) and (3,) m."""
+    """Ends of the box along its axes, (3,) and (3,) m."""
     low, high = np.empty(3), np.empty(3)
     for axis in range(3):
         others = (faces.face >= 0) & (faces.face != axis)
@@ -113,7 +113,7 @@ def _bounds(
 
 
 def _ends(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Where a row of readings begins and ends: where their density falls to a half."""
+    """Ends of a row of readings: where their density falls to a half."""
     rough = np.quantile(values, [0.02, 0.98])
     width = max(float(rough[1] - rough[0]), 1e-6)
     bins = int(np.clip(len(values) // 12, 8, 40))
@@ -308,7 +308,7 @@ def _scaled(
 def _near_counts(
     points: Any, deviations: Any, planes: Any, sigmas2: float, surface_variance: float
 ) -> Any:
-    """How many points are near each plane (n, 4), as `_scaled` has it."""
+    """Number of points near each plane (n, 4), as `_scaled` has it."""
     counts = np.zeros(planes.shape[0], dtype=np.int64)
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]

@@ -118,7 +118,7 @@ def _on_axis(
 
 
 def _first_guess(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """From the extents along the cluster's long axis and across it in view."""
+    """First parameters, from the extents along the cluster's long axis and across it in view."""
     middle = points.mean(axis=0)
     view = middle / np.linalg.norm(middle)
     axis = np.linalg.svd(points - middle, full_matrices=False)[2][0]

@@ -55,8 +55,8 @@ NEW_GOES_ON = 0.7
 its size that it touches covers 0.15, a hand more."""
 
 STATIC_GOES_ON = 0.13
-"""The same of a sphere that was there when the environment was modelled: 2 of 16 sectors, as where
-it touches one other thing."""
+"""`NEW_GOES_ON` of a sphere that was there when the environment was modelled: 2 of 16 sectors, as
+where it touches one other thing."""
 
 STATIC_LEVEL = 0.25
 """Part of the ring in which any surface may go on round such a sphere: the plane that a ball lies
@@ -258,7 +258,7 @@ class SphereFitter:
         return SphereFit(sphere, doubt * fit.covariance + systematic, systematic, scale)
 
     def _noise_scale(self, misfit: float, freedom: float) -> float:
-        """By how much the variance of a surface's readings differs from what is assumed of all, as
+        """Factor by which the variance of a surface's readings differs from the assumed one, as
         its misfit in so many degrees of freedom says: the mean of a scaled inverse χ² posterior,
         roughly, that begins at one with `NOISE_READINGS`."""
         prior, freedom = NOISE_READINGS, max(freedom, 0.0)

@@ -148,7 +148,7 @@ class ForegroundFinder:
         return Clusters(indices, [True] * len(indices), len(before), readings)
 
     def _on_planes(self, points: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Which points (n, 3) lie on a plane, beyond its hull, too: a sensor that has moved sees
+        """Mark the points (n, 3) on a plane, beyond its hull, too: a sensor that has moved sees
         more of a wall."""
         deviations = self._noise.deviation(np.linalg.norm(points, axis=1))
         margins = np.hypot(self._settings.plane_sigmas * deviations, self._settings.plane_tolerance)
@@ -198,7 +198,7 @@ class ForegroundFinder:
 
 
 class Clutter:
-    """What stands before the planes where an environment was modelled, seen again from elsewhere.
+    """Readings before the planes when an environment was modelled, to be recognised from elsewhere.
 
     `points` (height, width, 3) m, what was seen when it was modelled.
     """
@@ -241,7 +241,7 @@ def _angle_between_pixels(points: NDArray[np.float32]) -> float:
 def _bounds_of(
     planes: Sequence[DetectedPlane], settings: PerceptionSettings
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
-    """What `readings_before` needs of planes: normals, offsets and margins (n, 6), the half-planes
+    """Arrays of planes for `readings_before`: normals, offsets and margins (n, 6), the half-planes
     of their hulls (m, 4) as `DetectedPlane.hull_cones` has them, and where those of each
     plane begin (n + 1,)."""
     cones = [np.zeros((0, 4)), *(plane.hull_cones for plane in planes)]

@@ -76,7 +76,7 @@ def surface_error(
     r: float,
     noise: Any,
 ) -> tuple[float, float, float, float, float]:
-    """How a reading lies to a sphere.
+    """Place of a reading relative to a sphere.
 
     Returns `error` m, distance outside the surface, its bias taken off; `variance` of that error,
     m²; `deviation` of the reading along its ray, m; `ahead` m the reading lies nearer to the sensor
@@ -239,7 +239,7 @@ def _add_outline(
 
 @inlined
 def _passes(point: Any, fitted: Any, row: Any) -> float:
-    """How far from a sphere's centre the ray to a point passes, m; writes the direction there."""
+    """Distance, m, of the ray to a point from a sphere's centre; writes the direction there."""
     x, y, z = point[0], point[1], point[2]
     scale = (x * fitted[0] + y * fitted[1] + z * fitted[2]) / (x * x + y * y + z * z)
     dx, dy, dz = x * scale - fitted[0], y * scale - fitted[1], z * scale - fitted[2]

@@ -70,7 +70,7 @@ MISSED = 1e-3
 
 
 class Effort(Enum):
-    """How far a cluster is searched: for spheres that are expected, for those that its outline
+    """Effort of the search in a cluster: for spheres that are expected, for those that its outline
     suggests, too, and for any."""
 
     EXPECTED = 0
@@ -240,7 +240,7 @@ def ransac_spheres(
 
 
 def _enough(share: float, most: int) -> float:
-    """How many draws of four points are enough where a sphere has that share of all."""
+    """Number of draws of four points that is enough where a sphere has that share of all."""
     chance = min(share, 1.0) ** 4
     if chance <= 0.0:
         return most

@@ -35,9 +35,9 @@ ROUGHLY_SEEN = 0.5
 """Part of the smallest visible fraction that a cluster must have for a sphere to be fitted."""
 
 TOUCHING_GOES_ON = 0.2
-"""The same of a sphere that was found inside the outline of a cluster, where the other spheres of
-the cluster do not count: one more ball of its size covers 3 of 16 sectors, the finger that it may
-be the tip of 4 or 5."""
+"""`NEW_GOES_ON` of a sphere that was found inside the outline of a cluster, where the other spheres
+of the cluster do not count: one more ball of its size covers 3 of 16 sectors, the finger that it
+may be the tip of 4 or 5."""
 
 STATIC_SUCCESSES = 0.8
 """Part of the searches so far in which what was there when the environment was modelled must have
@@ -199,7 +199,7 @@ class SphereFinder:
 
     @staticmethod
     def _effort(deserves_a_search: bool, left: int) -> Effort:
-        """How far a search goes: what has to wait for it is looked at by its outline."""
+        """Effort of a search: a cluster that has to wait for it is searched by its outline."""
         if not deserves_a_search:
             return Effort.EXPECTED
         return Effort.RANDOM if left > 0 else Effort.OUTLINE
@@ -266,8 +266,8 @@ class SphereFinder:
         return candidates
 
     def _miss(self, points: NDArray[np.float64], sphere: DetectedSphere) -> NDArray[np.bool_]:
-        """Which points' (n,) rays pass a sphere far enough not to be of it: noise must not make a
-        second sphere of the readings that stray farthest."""
+        """Mark the points (n,) whose rays pass a sphere far enough not to be of it: noise must not
+        make a second sphere of the readings that stray farthest."""
         stray = STRAY_SIGMAS * self._lateral * sphere.range
         return passing(points, sphere.center) > sphere.radius + stray
 

@@ -32,8 +32,8 @@ VERTICAL_VIEW_COSINE = float(np.cos(np.radians(10.0)))
 the horizontal part of the optical axis is then too short to give a direction. Set by hand."""
 
 VIEW_DISTANCE = 2.0
-"""m at which a turn of the sensor counts as a shift. Our choice: objects that are perceived well
-are about as far."""
+"""Distance, m, at which a turn of the sensor counts as a shift. Our choice: objects that are
+perceived well are about as far."""
 
 
 class NoEnvironmentError(IntuitivePhysicsError):
@@ -42,7 +42,7 @@ class NoEnvironmentError(IntuitivePhysicsError):
 
 @dataclass(frozen=True)
 class PlaneAgreement:
-    """How well readings agree with the planes of an environment.
+    """Agreement of readings with the planes of an environment.
 
     A reading hides a plane when it lies before it by more than `HIDING_DEPTH`.
 
@@ -338,7 +338,7 @@ def _upward(
     measured: bool,
     organised: bool,
 ) -> Upward:
-    """Where up is, and the supporting plane first: the largest that faces up, where that is known.
+    """Find up, and the supporting plane: the largest that faces up, where up is known.
 
     A hint may be wrong, so a plane must agree with it; what was measured holds without one.
     """

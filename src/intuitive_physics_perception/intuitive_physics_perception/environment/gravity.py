@@ -1,4 +1,4 @@
-"""Where up is: from the support, from an accelerometer that rests, from what falls freely."""
+"""Direction of up: from the support, from an accelerometer at rest, from free flights."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ fan), a day of throws must not make every episode slower than the one before."""
 
 @dataclass(frozen=True, eq=False)
 class Upward:
-    """Where up is in the sensor's frame, and what supports objects.
+    """Up in the sensor's frame, and the plane that supports objects.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ MIN_READINGS_IN_CELL = 16
 """Readings that a cell needs for its mean to show how their errors are correlated."""
 
 MIN_CELLS = 30
-"""Such cells at least: their median square is then known to a fifth."""
+"""Smallest number of such cells: their median square is then known to a fifth."""
 
 CHANGE_SIGMAS = 4.0
 """Standard deviations by which a reading differs from the one before when something else is seen.

@@ -1,4 +1,4 @@
-"""Where planes end: edges that were really seen, not the borders of what the sensor could see.
+"""Ends of planes: edges that were seen, not the borders of the view.
 
 A ray that crosses a plane and reads something beyond it proves that the plane has no surface
 there. Where such rays lie next to readings on the plane, the plane has an edge between them. Where
@@ -25,7 +25,7 @@ from intuitive_physics_perception.environment.range_cloud import (
 )
 
 REACH = 50.0
-"""How far a plane goes on where no edge of it was seen, m."""
+"""Extent of a plane where no edge of it was seen, m."""
 
 CORNER_TOLERANCE = 1.0
 """Height of a corner that simplifying a hull may remove, in spacings."""
@@ -46,7 +46,7 @@ GAP = 0.03
 """Distance from the last reading on a plane to the first behind it, m."""
 
 GAP_SPACINGS = 3.0
-"""What is added to that distance, in spacings."""
+"""Distance added to `GAP`, in spacings."""
 
 OUTLIERS = 0.01
 """Part of the outermost readings on a plane that may be outliers."""
@@ -253,7 +253,7 @@ def _end_of_surface(
     hidden: NDArray[np.float64],
     gap: float,
 ) -> float | None:
-    """Where the plane ends in one slot across a side of its hull, all in m outward from it.
+    """End of the plane in one slot across a side of its hull, all in m outward from it.
 
     Half way between the last reading on the plane and the first one through it; None where they
     are more than `gap` apart, nothing shows that they are not one surface, or something hides it.

@@ -118,7 +118,8 @@ class DetectedPlane:
         return np.column_stack([normals, np.full(len(normals), HULL_MARGIN * away)])
 
     def in_hull(self, places: NDArray[Any]) -> NDArray[np.bool_]:
-        """Which places (n, 3) on the plane lie in its hull, or hardly out of it."""
+        """Mark the `places` (n, 3) m on the plane that lie in its hull, or hardly out of it,
+        (n,)."""
         inside = np.empty(len(places), dtype=bool)
         _mark_inside(places, self._sides, inside)
         return inside
@@ -405,7 +406,7 @@ def _seen_between(
 
 
 def _inside(hull: NDArray[np.float64] | None, places: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which places (n, 2) lie in a convex polygon, counter-clockwise."""
+    """Mark the places (n, 2) in a convex polygon, counter-clockwise."""
     if hull is None:
         return np.zeros(len(places), dtype=bool)
     along = np.roll(hull, -1, axis=0) - hull

@@ -55,7 +55,7 @@ class RangeCloud:
     def near(
         self, plane: NDArray[np.float64], which: NDArray[np.intp] | slice = slice(None)
     ) -> NDArray[np.bool_]:
-        """Which points, (n,), noise and unevenness let be on a plane.
+        """Mark the points (n,) that may be on a plane, by noise and unevenness.
 
         `plane` (4,) normal and offset in m; `which` (n,) indices of the points; all of them if not
         given.
@@ -85,7 +85,7 @@ class RangeCloud:
     def feet(
         self, plane: NDArray[np.float64], axes: NDArray[np.float64], which: NDArray[np.intp]
     ) -> NDArray[np.float64]:
-        """Where the rays of readings meet a plane, (n, 2) m in two axes of it.
+        """Return the points (n, 2) m, in two axes of a plane, where the rays of readings meet it.
 
         `plane` (4,) normal and offset in m; `axes` (3, 2), of the plane; `which` (n,) indices of
         the readings.

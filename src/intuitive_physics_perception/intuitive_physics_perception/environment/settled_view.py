@@ -1,4 +1,5 @@
-"""What each pixel of a sensor that stands still has read for a while, beside what was modelled."""
+"""Settled readings of each pixel of a sensor that stands still, against those that were
+modelled."""
 
 from __future__ import annotations
 
@@ -39,7 +40,7 @@ MIN_LOOKS = 3
 
 
 class SettledView:
-    """What an organised cloud has read in each pixel for some time, and since when.
+    """Mean readings of each pixel of an organised cloud, and the times since which they stay.
 
     A pixel is settled while its readings differ by no more than noise explains. Where nothing is
     read nothing is known, so missing readings neither settle a pixel nor unsettle it.
@@ -113,7 +114,8 @@ class SettledView:
         self._counts[:] = 0
 
     def _changed(self, time: float, stride: int) -> NDArray[np.bool_]:
-        """Which of every `stride`-th pixel in both directions have settled elsewhere than known."""
+        """Mark, of every `stride`-th pixel in both directions, those that have settled
+        elsewhere."""
         # Since when a pixel is settled that reads farther, and one that reads nearer.
         times = np.array([time - GONE_TIME, time - COME_TIME])
         changes = _changes(

@@ -105,7 +105,7 @@ def _as_known(boxes: Sequence[StaticBox], known: Sequence[StaticBox]) -> list[St
 
 
 def _difference(box: StaticBox, other: StaticBox) -> float:
-    """How far two boxes' centres, or sorted edges, are apart, in diagonals of the other one."""
+    """Distance of two boxes' centres, or sorted edges, in diagonals of the other one."""
     edges = np.sort(box.edge_lengths) - np.sort(other.edge_lengths)
     apart = max(np.linalg.norm(box.center - other.center), np.abs(edges).max())
     return float(apart / np.linalg.norm(other.edge_lengths))
@@ -211,7 +211,7 @@ def _down_to_floor(
 
 
 def _rays_through(box: StaticBox, model: EnvironmentModel, points: NDArray[np.float32]) -> int:
-    """How many rays of readings (n, 3), in m, pass through a box."""
+    """Number of rays of readings (n, 3), in m, through a box."""
     axes = rotation_matrix(box.orientation)
     ends = (model.to_environment(points[np.isfinite(points[:, 2])]) - box.center) @ axes
     start = (model.translation - box.center) @ axes
@@ -309,7 +309,7 @@ class StaticBoxFilter:
 def _outside_boxes(
     places: Any, margins: Any, centers: Any, rotations: Any, halves: Any
 ) -> tuple[int, Any]:
-    """How many places (n, 3) lie in no box, give or take a margin (n,), and for each box the
+    """Number of places (n, 3) in no box, give or take a margin (n,), and for each box the
     diagonal (n_boxes,) of what lies in it, along its axes; m."""
     low = np.full(centers.shape, np.inf)
     high = np.full(centers.shape, -np.inf)

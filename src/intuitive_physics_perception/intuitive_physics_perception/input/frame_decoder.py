@@ -163,7 +163,7 @@ class FrameDecoder:
 
 
 def _layout(cloud: Any) -> dict[str, Any]:
-    """Where the points of a PointCloud2, and what they consist of, are in its data."""
+    """Layout of the data of a PointCloud2, as keyword arguments."""
     return {
         "width": cloud.width,
         "height": cloud.height,

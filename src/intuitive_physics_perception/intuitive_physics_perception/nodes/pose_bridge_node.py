@@ -66,10 +66,10 @@ TF = "tf"
 """Value of `input` with which poses are those of frames on /tf."""
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-"""What an object's name may be, as it is part of a topic."""
+"""Pattern of an object's name, which is part of a topic."""
 
 TIMEOUT = 2.0
-"""s without a pose after which an input counts as lost."""
+"""Time, s, without a pose after which an input counts as lost."""
 
 WAITING = 1000
 """Poses that may wait to be handled."""

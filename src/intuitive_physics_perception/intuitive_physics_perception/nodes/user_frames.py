@@ -25,8 +25,8 @@ from intuitive_physics_ros.environment_publisher import EnvironmentPublisher
 from intuitive_physics_ros.transforms import Transforms, UnknownTransformError
 
 PATIENCE = 0.15
-"""s that a frame waits for the transform of its time. Our choice: joint states come 10 to 100 times
-a second, and the image of the next frame is not to be lost meanwhile."""
+"""Time, s, that a frame waits for the transform of its time. Our choice: joint states come 10 to
+100 times a second, and the image of the next frame is not to be lost meanwhile."""
 
 
 class FixedFrame:
@@ -95,7 +95,7 @@ class FixedFrame:
 
 @dataclass(frozen=True)
 class _Placement:
-    """Where the environment of a model is in the frame.
+    """Place of a model's environment in the frame.
 
     Parameters
     ----------

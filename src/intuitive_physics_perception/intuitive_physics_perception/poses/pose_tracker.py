@@ -131,7 +131,7 @@ class PoseTracker:
         }
 
     def _detection(self, name: str, measured: MeasuredPose) -> Detection:
-        """What is known of an object's centre, which a turn of its tag moves by the lever arm."""
+        """Detection of an object's centre, which a turn of its tag moves by the lever arm."""
         shape, offset = self._tagged[name].object.shape, self._tagged[name].centre
         pose = measured.pose.after(offset)
         lever = np.cross(np.eye(3), measured.pose.directions(offset.translation))

@@ -33,7 +33,7 @@ NAMING_LENGTH = 0.02
 are compared, m."""
 
 ROTATION_PART, VELOCITY_PART = slice(0, 3), slice(3, 6)
-"""Where rotation vector (rad) and angular velocity (rad/s) stand in an attitude's covariance."""
+"""Places of rotation vector (rad) and angular velocity (rad/s) in an attitude's covariance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,8 +165,8 @@ def object_state(
 ) -> ObjectState:
     """Return θ_d.
 
-    `motion` (6,) position in m and velocity in m/s with `covariance` (6, 6); `turning`: attitude of
-    a box or capsule, or of a ball the angular velocity (3,) rad/s and its covariance (3, 3).
+    `motion` (6,) position in m and velocity in m/s with `covariance` (6, 6); `turning` (3,) rad/s and
+    (3, 3), angular velocity of a ball with its covariance, or the attitude of a box or capsule.
     """
     whole = np.zeros((ERROR_SIZE, ERROR_SIZE))
     _fill(whole, ((POSITION, slice(0, 3)), (LINEAR_VELOCITY, slice(3, 6))), covariance)

@@ -1,4 +1,4 @@
-"""Where in a record only gravity and planes act on an object: stretches of free motion.
+"""Stretches of free motion in a record: only gravity and planes act on the object.
 
 A stretch is a matter of evidence. Its points fit the acceleration of flight, or of sliding on the
 planes that the object touches, and they could tell that acceleration from none. It begins where
@@ -34,8 +34,8 @@ SURE_EVIDENCE = 7.0
 falls like a free ball for moments, and 30 to 90 beginnings are tried a second."""
 
 TOUCHING_EVIDENCE = -1.0
-"""The same where a plane ends the flight or carries the object, as a hop may last for three frames
-at 30 Hz; an object that is held still above a plane is at -5 then."""
+"""`SURE_EVIDENCE` where a plane ends the flight or carries the object, as a hop may last for three
+frames at 30 Hz; an object that is held still above a plane is at -5 then."""
 
 HAND_MEMORY = 0.4
 """Time before a stretch, as it was found first, in which its beginning is looked for, s."""
@@ -47,10 +47,10 @@ TOUCH_SLACK = 0.005
 """Gap beyond that up to which it touches, m."""
 
 SAME_TIME = 1e-9
-"""s by which times of one frame may differ: numerical."""
+"""Largest difference, s, of times of one frame: numerical."""
 
 RELEASE_ITERATIONS = 4
-"""How often beginning and end of a stretch are improved in turn at most: mostly once is enough."""
+"""Largest number of rounds in which beginning and end of a stretch are improved: one mostly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +147,7 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class _Growth:
-    """How far a stretch goes.
+    """End of a stretch.
 
     Parameters
     ----------
@@ -339,7 +339,7 @@ class FreeMotion:
 
 
 def _height(record: Record, k: int, environment: Environment) -> float:
-    """m of the centre above the lowest point, at point k."""
+    """Height, m, of the centre above the lowest point, at point k."""
     if record.attitudes is None:
         return record.object.shape.bounding_radius
     return record.attitudes[k].reach(downward(environment))

@@ -18,7 +18,7 @@ from intuitive_physics_perception.tracking.supports import (
 )
 
 FRAME_TIME = 1.0 / 30.0
-"""s between the frames that are meant where a setting counts detections or is given for one frame:
+"""Time, s, between frames where a setting counts detections or is given for one frame:
 at another frame rate it holds for as much time."""
 
 MAX_BOUNCES = 4
@@ -36,7 +36,7 @@ NORMAL_UNCERTAINTY = 0.35
 it: what another restitution could make of it."""
 
 TANGENTIAL_UNCERTAINTY = 0.3
-"""The same of the tangential velocity: what friction could make of it."""
+"""`NORMAL_UNCERTAINTY` of the tangential velocity: what friction could make of it."""
 
 ROLLING_INERTIA = 0.4
 """Κ, moment of inertia over m r² of a ball that rolls, which gains g sin α / (1 + κ) on a slope:
@@ -49,7 +49,7 @@ GATE = 25.0
 """Squared distance, in variances, from which on a detection contradicts what was predicted."""
 
 POSITION, VELOCITY, RADIUS = slice(0, 3), slice(3, 6), 6
-"""Where position (m), velocity (m/s) and radius (m) stand in an object's vector."""
+"""Places of position (m), velocity (m/s) and radius (m) in an object's vector."""
 
 PLACED = np.array([0, 1, 2, RADIUS])
 """Components of an object's vector that a detection measures: centre and radius."""
@@ -161,7 +161,7 @@ def carrying(
 def _supported(
     ball: Prediction, environment: Environment, passed: list[Plane]
 ) -> tuple[Prediction, list[Plane]]:
-    """What is left of a bounce is a hop of millimetres: it stays on the plane."""
+    """Keep a ball on its planes: what is left of a bounce is a hop of millimetres."""
     mean = ball.mean.copy()
     support = [
         plane

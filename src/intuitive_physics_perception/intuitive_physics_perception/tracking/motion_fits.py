@@ -1,4 +1,4 @@
-"""What points of a path are evidence of: fits with a known acceleration, noise, the change from a
+"""Evidence of points of a path: fits with a known acceleration, noise, the change from a
 hand to free motion."""
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from intuitive_physics_perception.tracking.attitude import Attitude
 from intuitive_physics_perception.tracking.motion import Prediction
 
 RIDGE = 1e-12
-"""What is added to a correlation matrix's diagonal so that it can be inverted: numerical."""
+"""Term added to a correlation matrix's diagonal so that it can be inverted: numerical."""
 
 
 @dataclass(frozen=True, eq=False)

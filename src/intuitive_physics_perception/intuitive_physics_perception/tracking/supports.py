@@ -1,4 +1,5 @@
-"""What objects rest, roll and bounce on: planes of any slope and the faces of static boxes."""
+"""Surfaces on which objects rest, roll and bounce: planes of any slope and faces of static
+boxes."""
 
 from __future__ import annotations
 

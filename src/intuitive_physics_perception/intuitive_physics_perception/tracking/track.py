@@ -166,7 +166,7 @@ class Track:
         return list(newest)[::-1]
 
     def scene_object(self, settings: PerceptionSettings) -> SceneObject:
-        """What it is; its dimensions are averages over the track (Sec. VI-C)."""
+        """Return the object; its dimensions are averages over the track (Sec. VI-C)."""
         if self.identity is not None:
             return self.identity
         name = self.known.name if self.known else self.kind
@@ -367,7 +367,8 @@ def innovation_of(
 
 
 def _rested(track: Track, duration: float) -> Prediction:
-    """What lies still stays, whatever holds it: that may be no plane of the model."""
+    """Prediction of an object at rest: it stays, whatever holds it, as that may be no plane of the
+    model."""
     mean, transition = track.mean.copy(), np.eye(SIZE)
     mean[VELOCITY] = 0.0
     transition[VELOCITY, VELOCITY] = 0.0

@@ -45,7 +45,7 @@ RADIUS_GATE = 4.0
 """Standard deviations by which a radius may differ within one track."""
 
 RADIUS_SLACK = 0.003
-"""What a radius may differ beyond that, m."""
+"""Difference of radii, m, that is allowed beyond `RADIUS_GATE`."""
 
 TENTATIVE_TIME = 0.08
 """A track that is not confirmed and unseen for longer is closed, s: at 30 Hz one frame may miss
@@ -67,8 +67,8 @@ RECOGNITION_PATIENCE = 4
 distinguish known objects."""
 
 SMALLEST_LOG_DETERMINANT = -80.0
-"""Below the logarithm of the determinant of any innovation's covariance, (4, 4) m²: costs of pairs
-are not negative. A standard deviation of 0.05 mm in all four gives -79."""
+"""Lower bound of the logarithm of the determinant of an innovation's covariance, (4, 4) m²: costs
+of pairs are not negative. A standard deviation of 0.05 mm in all four gives -79."""
 
 KNOWN_RADIUS_DEVIATION = 1e-5
 """Standard deviation of a known radius in m: numerical, so that covariances stay regular."""
@@ -212,7 +212,7 @@ class Tracker:
         return {self._tracks[k].number: detections[n] for k, n in pairs}
 
     def _reach(self, track: Track, spread: NDArray[np.float64]) -> float:
-        """m from where a track is expected within which it can be."""
+        """Largest distance, m, of a track from where it is expected."""
         duration = track.time - track.last_seen
         spread_of_place = 3.0 * float(np.sqrt(np.trace(spread[:3, :3])))
         return self._settings.max_speed * duration + spread_of_place

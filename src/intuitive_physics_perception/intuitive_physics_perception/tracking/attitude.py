@@ -165,8 +165,8 @@ def object_state(
 ) -> ObjectState:
     """Return θ_d.
 
-    `motion` (6,) position in m and velocity in m/s with `covariance` (6, 6); `turning` (3,) rad/s and
-    (3, 3), angular velocity of a ball with its covariance, or the attitude of a box or capsule.
+    `motion` (6,) position in m and velocity in m/s with `covariance` (6, 6); `turning` (3,) rad/s
+    and (3, 3), angular velocity of a ball with its covariance, or attitude of a box or capsule.
     """
     whole = np.zeros((ERROR_SIZE, ERROR_SIZE))
     _fill(whole, ((POSITION, slice(0, 3)), (LINEAR_VELOCITY, slice(3, 6))), covariance)

@@ -1,4 +1,4 @@
-"""What tests need beyond set-up: each asks for it by name, as `pytest.mark.needs("chromium")`.
+"""Needs of tests beyond set-up: each asks for it by name, as `pytest.mark.needs("chromium")`.
 
 A test whose needs are not met is skipped with one sentence. A module asks by `pytestmark`, which is
 read before the module is imported, so that it can import what it asks for.

@@ -22,19 +22,19 @@ from intuitive_physics_bringup import connections
 from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
 
 ROOT = Path(__file__).resolve().parent.parent
-"""Of the repository."""
+"""The repository."""
 
 POLICY = ROOT / "src" / "intuitive_physics_bringup" / "security" / "policy.xml"
 """The file that is shipped."""
 
 ENCLAVES = "/intuitive_physics"
-"""Where the enclaves are."""
+"""Path of the enclaves."""
 
 HEADING = (
     '<?xml version="1.0" encoding="UTF-8"?>\n'
     "<!-- Made by tools/security_policies.py from the code of the nodes. -->\n"
 )
-"""Of the file."""
+"""First lines of the file."""
 
 PARAMETER_SERVICES = (
     "~/describe_parameters",
@@ -45,7 +45,7 @@ PARAMETER_SERVICES = (
     "~/set_parameters",
     "~/set_parameters_atomically",
 )
-"""Which rclpy makes for every node."""
+"""Services that rclpy makes for every node."""
 
 LIFECYCLE_SERVICES = (
     "~/change_state",
@@ -54,22 +54,22 @@ LIFECYCLE_SERVICES = (
     "~/get_state",
     "~/get_transition_graph",
 )
-"""Which rclpy makes for every managed node."""
+"""Services that rclpy makes for every managed node."""
 
 TRANSITIONS = "~/transition_event"
-"""What it publishes for every managed node."""
+"""Topic that rclpy publishes for every managed node."""
 
 LOGGING = ("/parameter_events", "/rosout")
-"""What rclpy publishes for every node."""
+"""Topics that rclpy publishes for every node."""
 
 TRANSFORMS = ("/tf", "/tf_static")
-"""Heard by a node that looks up a transform, which tf2_ros does for it."""
+"""Topics that tf2_ros subscribes to for a node that looks up a transform."""
 
 LOOKS_UP = ("perception_node", "pose_bridge_node")
 """Nodes that look up transforms."""
 
 CLOCKS = ("/clock", "clock")
-"""Heard by every node that uses simulated time; a namespace may have a clock of its own."""
+"""Topics of simulated time, for every node; a namespace may have a clock of its own."""
 
 RECORDED_ELSEWHERE = ("/tf", "/tf_static")
 """Topics of a bag that no node of the suite hears and others do."""

@@ -29,7 +29,7 @@ MAKERS = (
 
 
 def write_pages(app: Sphinx) -> None:
-    """Write every generated page that is not up to date, and remove what is no longer made."""
+    """Write every generated page that is not up to date, and remove pages that nothing generates."""
     folder = Path(app.srcdir) / "reference"
     repository = Path(app.srcdir).parent
     pages: dict[str, str] = {}

@@ -29,7 +29,7 @@ LARGEST_NUMBER = np.finfo(np.float64).max
 """Ends of intervals may be any finite number."""
 
 Known = TypeVar("Known", ParameterPosterior, GivenKnowledge)
-"""What is known of the parameters of some materials."""
+"""Knowledge of the parameters of some materials."""
 
 
 @dataclass(frozen=True, eq=False)

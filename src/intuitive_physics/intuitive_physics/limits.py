@@ -1,4 +1,4 @@
-"""How large what comes from outside may be: messages, files and rows of databases.
+"""Limits on the size of input: messages, files and rows of databases.
 
 Sizes are checked before anything is made in proportion to them, so that nothing that is sent or
 stored can take a process's memory or hours of its time. The limits are far above what an honest

@@ -108,7 +108,7 @@ class SeenSpin:
 
 @dataclass(frozen=True, eq=False)
 class Detections:
-    """What was detected of an object, point by point, before any smoothing.
+    """Detections of an object, point by point, before any smoothing.
 
     A detected position is the true one plus an error of its own, drawn for each point with its
     covariance, plus one error that all points of the object share, drawn once with the covariance

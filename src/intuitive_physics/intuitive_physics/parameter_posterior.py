@@ -49,7 +49,7 @@ uniform number. Only a label: draws do not depend on it."""
 
 @dataclass(frozen=True, eq=False)
 class ParameterPosterior:
-    """What is known of θ_s, on the unit cube of `ParameterSpace(materials, bounds)`.
+    """Knowledge of θ_s, on the unit cube of `ParameterSpace(materials, bounds)`.
 
     Parameters
     ----------

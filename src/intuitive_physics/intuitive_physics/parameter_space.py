@@ -19,7 +19,7 @@ from intuitive_physics.materials import (
 from intuitive_physics.validation import finite_array, finite_float
 
 SCALES = ("linear", "logarithmic")
-"""How the unit interval may be stretched over a range."""
+"""Scales by which the unit interval is stretched over a range."""
 
 
 @dataclass(frozen=True)

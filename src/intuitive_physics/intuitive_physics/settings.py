@@ -68,7 +68,7 @@ def _setting_field(default: Any, description: str, **limits: Any) -> Any:
 
 @dataclass(frozen=True)
 class Setting:
-    """What one field of a class of settings says about itself.
+    """Description of one field of a class of settings.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class Setting:
 
     @property
     def constraint(self) -> str:
-        """What a value must be, in words."""
+        """Condition on a value, in words."""
         if self.range is not None:
             kind = "whole number" if self._is_whole else "number"
             kind = f"one or more {kind}s" if self.is_list else f"a {kind}"

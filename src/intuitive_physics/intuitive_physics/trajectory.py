@@ -80,7 +80,7 @@ DISTANCE_GUIDE = (
     "distance of two trajectories in the cost J: mean, that of all points (D̄ of the paper), or "
     "max, the largest of any point (D̂: for few and clean observations, as one outlier decides it)"
 )
-"""What a user can give as the distance."""
+"""Explanation of the choices of the distance, for users."""
 
 
 def _point_distances(a: Trajectory, b: Trajectory) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ LONGEST_NAME = 256
 """Characters of a name at most; names stand in every message, row and log line."""
 
 UNIT_QUATERNION_TOLERANCE = 1e-3
-"""How far the norm of a quaternion may be from one: farther is a mistake, not rounding."""
+"""Largest deviation of a quaternion's norm from one: more is a mistake, not rounding."""
 
 
 def positive_float(value: Any, name: str) -> float:

@@ -1,4 +1,4 @@
-"""What was learned, as text for people."""
+"""Learned parameters as text for people."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What other installed packages add to the command line, by entry points.
+"""Additions of other installed packages to the command line, by entry points.
 
 A package adds commands, readers of recordings and engines without the command line knowing it, so
 that a robot's installation needs nothing of it. In its `setup.py`:

@@ -1,4 +1,4 @@
-"""Where one frame lies in another; environments, states and observations as another one has them.
+"""The transform between two frames, and environments, states and observations in another frame.
 
 Nothing but the frame changes.
 """

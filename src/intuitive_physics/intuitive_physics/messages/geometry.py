@@ -15,7 +15,7 @@ MakeMessage = Callable[[str], Callable[..., Any]]
 """Gives, by the name of a type, what makes its messages from all their fields by name."""
 
 NANOSECONDS = 1_000_000_000
-"""In a second."""
+"""Nanoseconds in a second."""
 
 LAST_SECOND = 2**31 - 1
 """s; `builtin_interfaces/Time` counts seconds as a signed 32-bit number."""

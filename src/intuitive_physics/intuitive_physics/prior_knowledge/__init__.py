@@ -1,4 +1,4 @@
-"""What is known besides the observations: what a user gave, other pairs suggest, earlier throws."""
+"""Knowledge besides the observations: from the user, from other pairs, from earlier throws."""
 
 from intuitive_physics.prior_knowledge.given_knowledge import GivenKnowledge
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins, SpinSpread

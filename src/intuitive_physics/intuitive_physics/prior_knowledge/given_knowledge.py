@@ -1,4 +1,4 @@
-"""What a user gave of θ_s: priors with a standard deviation, and values that are held."""
+"""Knowledge of θ_s from the user: priors with a standard deviation, and values that are held."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from intuitive_physics.validation import set_fields
 
 @dataclass(frozen=True, eq=False)
 class GivenKnowledge:
-    """What is known of θ_s apart from all observations, and is honoured by every search.
+    """Knowledge of θ_s apart from all observations, which every search honours.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How balls are thrown here: the spread of their initial spins, of each material.
+"""The spread of the initial spins of balls, for each material.
 
 A camera does not see the spin of a plain ball, so the first state of each throw states a guess:
 mean zero, and a standard deviation σ₀ that is the same on each axis. The learner finds from many

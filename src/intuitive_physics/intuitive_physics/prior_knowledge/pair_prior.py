@@ -1,4 +1,4 @@
-"""What the materials of a pair suggest of its coefficients, learned from other pairs.
+"""A prior of the coefficients of a pair of materials, learned from other pairs.
 
 A hierarchical model with random effects of materials (Gelman & Hill 2007, chapters 11 to 13). On
 the unit cube, for each of the four coefficients by itself, the pair of the materials a and b has
@@ -43,10 +43,10 @@ NEGLIGIBLE = 1e-6
 """Share of the width of the bounds by which a suggestion must be sharper to be one at all."""
 
 HALVINGS = 8
-"""At most, of a Newton step that is too long."""
+"""Most halvings of a Newton step that is too long."""
 
 NEWTON_STEPS = 30
-"""At most, of which the moments of a truncated normal distribution need a dozen."""
+"""Most steps; the moments of a truncated normal distribution need a dozen."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class PairPriorSettings:
 
 @dataclass(frozen=True, eq=False)
 class PairSuggestions:
-    """What other pairs suggest of each parameter, on the unit cube; of a density, nothing.
+    """Mean and spread that other pairs suggest for each parameter, on the unit cube; densities: none.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def with_pair_prior(
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
-    """What the observations say of one coefficient of all ψ pairs: z = G u + n, n of variance 1."""
+    """Evidence of the observations on one coefficient of all ψ pairs: z = G u + n, n of variance 1."""
 
     factor: NDArray[np.float64]
     """(r, ψ) G."""

@@ -84,7 +84,7 @@ class ChildProcess:
 
     @property
     def output(self) -> str:
-        """What it has written so far."""
+        """Text that it has written so far."""
         return "".join(self._lines)
 
     @property

@@ -1,4 +1,4 @@
-"""What a run starts ends with the run: tests, benchmarks and the demo call `guard_run` first."""
+"""All processes of a run end with the run: tests, benchmarks and the demo call `guard_run` first."""
 
 from __future__ import annotations
 

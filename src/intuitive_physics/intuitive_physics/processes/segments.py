@@ -1,4 +1,4 @@
-"""Shared memory of Fast DDS that no process holds any more.
+"""Abandoned shared memory of Fast DDS: segments that no process holds.
 
 Each participant has segments of some megabytes in /dev/shm, and beside each a file whose lock its
 process holds for as long as it lives. A process that is killed leaves both; nobody removes them.
@@ -18,7 +18,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 FOLDER = Path("/dev/shm")
-"""Where Linux keeps shared memory."""
+"""Folder in which Linux keeps shared memory."""
 
 SETTLED = 10.0
 """s after which a segment whose lock nobody holds is not one whose process is about to take it."""

@@ -50,7 +50,7 @@ ENGINE_GUIDE = (
     "auto: event_driven where it can, stepped elsewhere; event_driven: spheres without air, exact; "
     "stepped: spheres, boxes and capsules, also in air; bullet: PyBullet, to compare with"
 )
-"""What each engine is for, in the words that nodes and the command line show users."""
+"""Purpose of each engine, in the words that nodes and the command line show users."""
 
 
 def make_simulator(name: str, threads: int = 1) -> Simulator:

@@ -48,4 +48,4 @@ def _roll_out(engine: str) -> None:
 
 
 WARM_UPS: tuple[WarmUp, ...] = (warm_up_stepped, warm_up_event_driven, warm_up_free_flight)
-"""What `intuitive_physics.kernels.warm_up` calls, the longest first."""
+"""Functions that `intuitive_physics.kernels.warm_up` calls, the longest first."""

@@ -1,4 +1,4 @@
-"""How much one impact differs from the next, as in noisy Newton."""
+"""Noise from one impact to the next, as in noisy Newton."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LARGEST_TILT = 0.5
 
 @dataclass(frozen=True)
 class ContactNoise:
-    """How much one impact differs from the next.
+    """Noise from one impact to the next.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What engines share whose worlds are rolled out by a kernel."""
+"""The common part of the engines whose worlds a kernel rolls out."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ NOISE_FIELDS = [
     ("restitution_noise", "f8"),  # standard deviation
     ("tilt_noise", "f8"),  # rad, likewise
 ]
-"""What a world's record holds of the noise."""
+"""Fields of a world's record for the noise."""
 
 GOLDEN, FIRST_MIX, SECOND_MIX = (
     np.uint64(0x9E3779B97F4A7C15),

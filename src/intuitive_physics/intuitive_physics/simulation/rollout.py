@@ -1,4 +1,4 @@
-"""What a rollout of a batch of worlds answers."""
+"""The result of a rollout of a batch of worlds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 class WorldStatus(IntEnum):
-    """How one world of a rollout ended.
+    """The end of one world of a rollout.
 
     - OK: it was simulated to the end.
     - NOT_FINITE: a position or velocity has become infinite or NaN.
@@ -37,7 +37,7 @@ OK, NOT_FINITE, TOO_MANY_EVENTS, TOO_MANY_CONTACTS, TOO_FAST, STOPPED = map(int,
 
 @dataclass(frozen=True, eq=False)
 class Rollout:
-    """What a batch of worlds did.
+    """Positions and orientations of a batch of worlds.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Rollout:
 
 
 class OutputArrays(NamedTuple):
-    """What a kernel is asked for and fills in, as one record: `OutputArrays(*outputs)`.
+    """Times asked of a kernel, and the arrays it fills, as one record: `OutputArrays(*outputs)`.
 
     Parameters
     ----------

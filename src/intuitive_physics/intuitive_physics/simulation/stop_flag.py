@@ -13,14 +13,14 @@ class StopFlag:
 
     Attributes
     ----------
-    number : (1,) 0, and 1 once the flag is set, where compiled code looks at it
+    number : (1,) 0, and 1 once the flag is set, which compiled code reads
     """
 
     def __init__(self) -> None:
         self.number: NDArray[np.int64] = np.zeros(1, dtype=np.int64)
 
     def set(self) -> None:
-        """End the simulations that look at it, and all later ones."""
+        """End the simulations that have this flag, and all later ones."""
         self.number[0] = 1
 
     def check(self) -> None:

@@ -1,4 +1,4 @@
-"""What the records of a world have in common in all engines, and how a batch fills it in."""
+"""The common fields of a world's record in all engines, and their values from a batch."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COMMON_FIELDS = [
     ("gravity", "f8", 3),  # m/s²
     *NOISE_FIELDS,
 ]
-"""What every engine's record of a world has."""
+"""Fields of every engine's record of a world."""
 
 STATIC, DYNAMIC, ROLLING, RESTITUTION = range(4)
 """Kinds of coefficients, in the order of `StaticParameters.coefficients`."""
@@ -52,7 +52,7 @@ def coefficient(world, kind, a, b):
 
 @inlined
 def wanted_outputs(times):
-    """How many of the times (T,), which may end in NaN, are wanted."""
+    """Number of times (T,) before those that are NaN."""
     count = times.size
     while not isfinite(times[count - 1]):
         count -= 1

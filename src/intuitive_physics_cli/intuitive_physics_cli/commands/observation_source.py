@@ -1,4 +1,4 @@
-"""What commands share: where observations come from, how to learn, and the seed."""
+"""Options that commands share: the source of observations, learning, and the seed."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ PATH_HELP = (
     "a folder of saved observations, an .mcap file or bag with observations, a learner's database "
     "(.sqlite3), or a recorded set (.npz)"
 )
-"""What a path to observations may be, as the help says it."""
+"""Kinds of paths to observations, for the help."""
 
 RECORDED_SET_SUFFIX = ".npz"
 """Ending of motions recorded by others, which an added package reads."""

@@ -1,4 +1,4 @@
-"""`suggest`: which throw would tell most about what is asked."""
+"""`suggest`: the throws that would be most informative."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ Paths: TypeAlias = list[list[NDArray[np.float64]]]
 
 @dataclass(frozen=True)
 class Errors:
-    """How far predictions are from what was observed, over some observations.
+    """Distances of predictions from observed positions, over some observations.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Errors:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What an evaluation found.
+    """The result of an evaluation.
 
     Parameters
     ----------

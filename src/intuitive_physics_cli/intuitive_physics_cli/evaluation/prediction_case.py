@@ -20,7 +20,7 @@ from intuitive_physics_predictor.parameter_uncertainty import UncertainParameter
 from intuitive_physics_predictor.scores.highest_density import coverage, highest_density_levels
 
 LONGEST_NAME, SHORT_NAME = 16, 8
-"""Letters: an id that is longer than the first is shown by as many as the second."""
+"""Letters: of an id that is longer than the first, as many as the second are shown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ def predict_cases(
     sample_count: int = 100,
     estimates: Sequence[tuple[WeightedStates | None, ...]] | None = None,
 ) -> list[PredictionCase]:
-    """Predict each object of each observation, by as many simulations as samples.
+    """Predict each object of each observation, by a simulation for each sample.
 
     They begin with the observation's initial states, or with its `estimates` as of `PreparedScene`.
     """
@@ -171,14 +171,14 @@ NEAR_HORIZON = 0.05
 
 @dataclass(frozen=True)
 class HorizonCoverage:
-    """How often regions held what was seen at one time ahead, at one point of each case."""
+    """Coverage of predicted regions at one time ahead, at one point of each case."""
 
     horizon: float
     """s."""
     count: int
     """Cases that were seen then."""
     shares: tuple[float, ...]
-    """Of these, inside the regions of the probabilities asked for."""
+    """Shares of these inside the regions of each probability."""
 
 
 def horizon_coverage(

@@ -66,7 +66,7 @@ GROWTH = 2
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What perception says of the objects at one time.
+    """Perception's states and detections of the objects at one time.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class SeenPart:
     def estimates(
         self, uncertain: UncertainParameters, simulator: Simulator, rng: np.random.Generator
     ) -> tuple[WeightedStates | None, ...]:
-        """What the predictor makes of these frames, of each object; nothing without frames."""
+        """Return the predictor's estimate of each object from these frames; nothing without frames."""
         surroundings = Surroundings(self.left.environment, uncertain, simulator)
         things = [item.object for item in self.left.objects]
         estimate = SceneEstimate(rng)
@@ -111,14 +111,14 @@ class SeenPart:
 
 
 def after_first_part(observation: Observation, settings: PerceptionSettings) -> SeenPart | None:
-    """What is known after `FIRST_PART`; None where that is too little or nothing comes later."""
+    """Cut an observation after `FIRST_PART`; None: too little is known, or nothing comes later."""
     if any(item.detections is None for item in observation.objects):
         return SeenPart(observation)
     return _seen_until(observation, observation.start_time + FIRST_PART, settings)
 
 
 def after_first_bounce(observation: Observation, settings: PerceptionSettings) -> SeenPart | None:
-    """What is known when each ball was detected `AFTER_BOUNCE` times after its first bounce.
+    """Cut an observation when each ball was detected `AFTER_BOUNCE` times after its first bounce.
 
     None where that is too little, nothing comes later, or not all objects are detected balls that
     bounced.
@@ -192,7 +192,7 @@ def _states(
 def _left(
     observation: Observation, detected: Sequence[Detections], now: Frame
 ) -> Observation | None:
-    """The observation from a frame on; None where an object is not seen any more."""
+    """The observation from a frame on; None where an object is not seen after it."""
     later = [_between(detections, now.time, np.inf) for detections in detected]
     objects = [
         ObservedObject(item.object, Trajectory(left.times, left.positions), state, left)
@@ -237,7 +237,7 @@ def _record(
 
 
 def _attitudes(item: ObservedObject, since: NDArray[np.float64]) -> tuple[Attitude, ...] | None:
-    """How a box or capsule lies and turns at times (n,) s after its initial state; None: a ball."""
+    """Attitudes of a box or capsule at times (n,) s after its initial state; None: a ball."""
     shape, state = item.object.shape, item.initial_state
     if not isinstance(shape, Box | Capsule):
         return None

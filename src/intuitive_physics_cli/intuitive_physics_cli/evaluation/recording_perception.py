@@ -27,12 +27,12 @@ IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, CLOUD = (
 """Types of the messages that frames are read from."""
 
 TRANSPORT = "/compressedDepth"
-"""What image_transport puts after the name of a topic of depth images."""
+"""Suffix that image_transport adds to the name of a topic of depth images."""
 
 
 @dataclass(frozen=True)
 class FrameSource:
-    """Where frames come from.
+    """The topics that frames come from.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def _stamp(message: Any) -> float:
 
 @dataclass(frozen=True, eq=False)
 class PerceivedRecording:
-    """What perception made of a bag.
+    """The result of perception on a bag.
 
     Parameters
     ----------

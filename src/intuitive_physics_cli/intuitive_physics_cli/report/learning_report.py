@@ -57,7 +57,7 @@ STATE_KNOWN = (
     f"The state of each ball is the predictor's estimate from its first {FIRST_PART:g} s, frame by "
     "frame; of other objects it is what perception knew then."
 )
-"""What predictions after the first part begin with, plain text."""
+"""The beginning of predictions after the first part, plain text."""
 
 
 def prediction_sections(predicted: Predicted, title: str, known: str) -> list[str]:
@@ -126,7 +126,7 @@ def _calibration(predicted: Predicted, known: str) -> str:
 
 
 def _calibration_at(title: str, name: str, cases: Sequence[PredictionCase]) -> str:
-    """What was found of predictions from one moment, under a title, as plots of a name."""
+    """Coverage of predictions from one moment, under a title, as plots of a name."""
     count = len(cases)
     shares = region_coverage(cases, np.random.default_rng(0))
     claims = ", ".join(
@@ -166,7 +166,7 @@ SAMPLE_COUNT = 100
 
 @dataclass(frozen=True, eq=False)
 class LearningReport:
-    """What a report shows.
+    """The contents of a report.
 
     Parameters
     ----------

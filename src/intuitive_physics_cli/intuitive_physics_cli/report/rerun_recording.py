@@ -1,4 +1,4 @@
-"""What was perceived and predicted as a Rerun recording, to be watched over time.
+"""Perception and predictions as a Rerun recording, to be watched over time.
 
 Needs `rerun-sdk` (`pip install rerun-sdk`); open the file with `rerun FILE`.
 """
@@ -38,7 +38,7 @@ SAMPLE_COLOR, MEAN_COLOR, SEEN_COLOR = (37, 99, 235, 60), (17, 24, 39), (22, 163
 """Red, green, blue and, where there is a fourth number, opacity, 0 to 255 each."""
 
 SPHERE_COLOR, GRAVITY_COLOR, PLANE_COLOR = (6, 182, 212), (220, 38, 38), (245, 158, 11, 60)
-"""Likewise, of what perception found."""
+"""Likewise, for the results of perception."""
 
 
 class RerunRecording:

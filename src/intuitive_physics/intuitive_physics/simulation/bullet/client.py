@@ -94,7 +94,7 @@ def roll_world(
 
 
 def _levers(plan: Plan, orientations: NDArray[np.float64]) -> NDArray[np.float64]:
-    """From the shapes' centres to those of mass, which Bullet calls positions: (n, 3) m."""
+    """Vectors (n, 3) m from the shapes' centres to those of mass, which Bullet calls positions."""
     if not plan.mass_centres.any():
         return np.zeros_like(plan.mass_centres)
     turns = np.array([rotation_matrix(q / np.linalg.norm(q)) for q in orientations])

@@ -1,4 +1,4 @@
-"""Where a sphere is nearest to a solid."""
+"""The contact of a sphere with a solid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How deep the bodies of a world overlap at the start, and scenes refused for it."""
+"""Overlaps of the bodies of a world at the start, for which scenes are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Impacts: pair after pair rebounds, until none approaches any more.
+"""Impacts: pair after pair rebounds, until none approaches.
 
 All contacts of one pair are solved together: Newton's restitution along each normal, Coulomb's
 friction with μ_d over the impulse. Where several eccentric contacts would together raise the

@@ -1,4 +1,4 @@
-"""How a body moves over one part of a step, and writing what was asked for on the way.
+"""The motion of a body over one part of a step, and the outputs on the way.
 
 Over a part, acceleration and torque are constant. Positions are then exact; orientations follow
 one mean rotation vector: in free flight by a Magnus series of fourth order over Euler's equations,

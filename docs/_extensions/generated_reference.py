@@ -29,7 +29,7 @@ MAKERS = (
 
 
 def write_pages(app: Sphinx) -> None:
-    """Write every generated page that is not up to date, and remove pages that nothing generates."""
+    """Write every generated page that is not up to date, and remove all other pages."""
     folder = Path(app.srcdir) / "reference"
     repository = Path(app.srcdir).parent
     pages: dict[str, str] = {}

@@ -69,11 +69,6 @@ def observation_reader(suffix: str) -> Reader | None:
     return None
 
 
-def engine_names() -> tuple[str, ...]:
-    """Return the names of all engines, the library's first."""
-    return (*SIMULATORS, *(entry.name for entry in _installed(ENGINES)))
-
-
 def make_engine(name: str) -> Simulator:
     """Return the engine of that name, the library's or an added one.
 
@@ -86,11 +81,12 @@ def make_engine(name: str) -> Simulator:
     """
     if name in SIMULATORS:
         return make_simulator(name)
-    for entry in _installed(ENGINES):
-        if entry.name == name:
-            simulator: Simulator = _loaded(entry)()
-            return simulator
-    raise UnknownNameError(f"simulator is {name!r}; expected one of {', '.join(engine_names())}")
+    added = {entry.name: entry for entry in _installed(ENGINES)}
+    if name not in added:
+        names = ", ".join([*SIMULATORS, *added])
+        raise UnknownNameError(f"simulator is {name!r}; expected one of {names}")
+    simulator: Simulator = _loaded(added[name])()
+    return simulator
 
 
 def _installed(group: str) -> list[EntryPoint]:

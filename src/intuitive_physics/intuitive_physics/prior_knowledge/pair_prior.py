@@ -111,7 +111,7 @@ class PairPriorSettings:
 
 @dataclass(frozen=True, eq=False)
 class PairSuggestions:
-    """Mean and spread that other pairs suggest for each parameter, on the unit cube; densities: none.
+    """Mean and spread of each parameter by other pairs, on the unit cube; of densities, none.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def with_pair_prior(
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
-    """Evidence of the observations on one coefficient of all ψ pairs: z = G u + n, n of variance 1."""
+    """Observations of one coefficient of all ψ pairs: z = G u + n with noise n of variance 1."""
 
     factor: NDArray[np.float64]
     """(r, ψ) G."""

@@ -1,4 +1,4 @@
-"""All processes of a run end with the run: tests, benchmarks and the demo call `guard_run` first."""
+"""The processes of a run end with it: tests, benchmarks and the demo call `guard_run` first."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("intuitive-physics: interrupted", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
-        # The reader of the output has ended, as `head` does: at its exit Python must not write to it.
+        # The reader of the output has ended, as `head` does: Python must not write at its exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 

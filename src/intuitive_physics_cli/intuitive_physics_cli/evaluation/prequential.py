@@ -98,7 +98,7 @@ class SeenPart:
     def estimates(
         self, uncertain: UncertainParameters, simulator: Simulator, rng: np.random.Generator
     ) -> tuple[WeightedStates | None, ...]:
-        """Return the predictor's estimate of each object from the frames; nothing without frames."""
+        """Return the predictor's estimates of the objects by the frames; nothing without any."""
         surroundings = Surroundings(self.left.environment, uncertain, simulator)
         things = [item.object for item in self.left.objects]
         estimate = SceneEstimate(rng)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -148,18 +148,15 @@ class LearnedParameters:
         identified[new] = self.identified[old]
         intervals = np.full((size, 2), np.nan)
         intervals[new] = self.intervals[old]
-        return LearnedParameters(
-            self.parameters.extended(materials),
-            deviations,
-            identified,
-            self.version,
-            self.cost,
-            self.observation_count,
-            self.method,
-            intervals,
-            None if self.posterior is None else self.posterior.extended(materials),
-            None if self.given is None else self.given.extended(materials),
-            self.initial_spins.among(materials),
+        return replace(
+            self,
+            parameters=self.parameters.extended(materials),
+            standard_deviations=deviations,
+            identified=identified,
+            intervals=intervals,
+            posterior=None if self.posterior is None else self.posterior.extended(materials),
+            given=None if self.given is None else self.given.extended(materials),
+            initial_spins=self.initial_spins.among(materials),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -217,16 +214,16 @@ class LearnedParameters:
                 )
             return LearnedParameters(
                 parameters,
-                deviations,
-                [name in known for name in names],
-                data["version"],
-                _nan_for_none(data["cost"]),
-                data["observation_count"],
-                data["method"],
-                [ends.get(name, [np.nan, np.nan]) for name in names],
-                None if posterior is None else ParameterPosterior.from_dict(posterior),
-                None if given is None else GivenKnowledge.from_dict(given),
-                InitialSpins.from_dict(data.get("initial_spins", {})),
+                standard_deviations=deviations,
+                identified=[name in known for name in names],
+                version=data["version"],
+                cost=_nan_for_none(data["cost"]),
+                observation_count=data["observation_count"],
+                method=data["method"],
+                intervals=[ends.get(name, [np.nan, np.nan]) for name in names],
+                posterior=None if posterior is None else ParameterPosterior.from_dict(posterior),
+                given=None if given is None else GivenKnowledge.from_dict(given),
+                initial_spins=InitialSpins.from_dict(data.get("initial_spins", {})),
             )
         except (KeyError, TypeError) as error:
             raise InvalidInputError(

@@ -26,6 +26,7 @@ from intuitive_physics.validation import (
     finite_float,
     increasing_times,
     name_string,
+    plain_data,
     set_fields,
 )
 
@@ -89,11 +90,7 @@ class SeenSpin:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data that `from_dict` reads."""
-        return {
-            "mean": self.mean.tolist(),
-            "covariance": self.covariance.tolist(),
-            "since": self.since,
-        }
+        return plain_data(self)
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> SeenSpin:

@@ -19,6 +19,7 @@ from intuitive_physics.validation import (
     finite_float,
     name_string,
     non_negative_float,
+    plain_data,
     positive_float,
     unit_quaternion,
     unit_vector,
@@ -113,13 +114,7 @@ class Plane:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data that `Environment.from_dict` reads."""
-        return {
-            "id": self.id,
-            "material": self.material,
-            "normal": self.normal.tolist(),
-            "offset": self.offset,
-            "boundary": None if self.boundary is None else self.boundary.tolist(),
-        }
+        return plain_data(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,13 +155,7 @@ class StaticBox:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data that `Environment.from_dict` reads."""
-        return {
-            "id": self.id,
-            "material": self.material,
-            "center": self.center.tolist(),
-            "orientation": self.orientation.tolist(),
-            "edge_lengths": self.edge_lengths.tolist(),
-        }
+        return plain_data(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,13 +203,7 @@ class Environment:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data that `from_dict` reads."""
-        return {
-            "planes": [plane.to_dict() for plane in self.planes],
-            "boxes": [box.to_dict() for box in self.boxes],
-            "gravity": self.gravity.tolist(),
-            "frame_id": self.frame_id,
-            "air_density": self.air_density,
-        }
+        return plain_data(self)
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> Environment:
@@ -303,15 +286,7 @@ class SceneObject:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data that `from_dict` reads."""
-        return {
-            "id": self.id,
-            "material": self.material,
-            "shape": self.shape.to_dict(),
-            "drag_coefficient": self.drag_coefficient,
-            "magnus_coefficient": self.magnus_coefficient,
-            "inertia_factor": self.inertia_factor,
-            "mass_centre": list(self.mass_centre),
-        }
+        return plain_data(self)
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> SceneObject:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
-from intuitive_physics.validation import finite_array, positive_float
+from intuitive_physics.validation import finite_array, plain_data, positive_float
 
 
 class Shape(ABC):
@@ -48,9 +48,9 @@ class Shape(ABC):
         point : (3,) m, in the body frame
         """
 
-    @abstractmethod
     def to_dict(self) -> dict[str, Any]:
         """Return plain data that `shape_from_dict` reads."""
+        return {"kind": self.kind, **plain_data(self)}
 
     def mass(self, density: float) -> float:
         """Mass in kg at a uniform density in kg/m³ (Sec. III-A: M = ρ v)."""
@@ -94,9 +94,6 @@ class Sphere(Shape):
     def contains(self, point: ArrayLike) -> bool:
         return bool(np.linalg.norm(point) <= self.radius)
 
-    def to_dict(self) -> dict[str, Any]:
-        return {"kind": self.kind, "radius": self.radius}
-
 
 @dataclass(frozen=True)
 class Box(Shape):
@@ -135,9 +132,6 @@ class Box(Shape):
 
     def contains(self, point: ArrayLike) -> bool:
         return bool(np.all(np.abs(point) <= 0.5 * np.array(self.edge_lengths)))
-
-    def to_dict(self) -> dict[str, Any]:
-        return {"kind": self.kind, "edge_lengths": list(self.edge_lengths)}
 
 
 @dataclass(frozen=True)
@@ -186,9 +180,6 @@ class Capsule(Shape):
         x, y, z = np.asarray(point, dtype=float).tolist()
         beyond = max(abs(z) - 0.5 * self.length, 0.0)
         return x * x + y * y + beyond * beyond <= self.radius**2
-
-    def to_dict(self) -> dict[str, Any]:
-        return {"kind": self.kind, "radius": self.radius, "length": self.length}
 
 
 SHAPE_KINDS: dict[str, type[Shape]] = {kind.kind: kind for kind in (Sphere, Box, Capsule)}

@@ -1,8 +1,12 @@
-"""Checks of input, each of which raises `InvalidInputError` with what was got and expected."""
+"""Checks of input, each of which raises `InvalidInputError` with what was got and expected.
+
+The argument `name` names the value in the message.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -63,18 +67,9 @@ def name_string(value: Any, name: str) -> str:
 
 
 def finite_array(value: ArrayLike, name: str, shape: Sequence[int | None]) -> NDArray[np.float64]:
-    """Return a C-contiguous float64 copy after checking shape and finiteness.
+    """Return a C-contiguous float64 copy of `value` (…) after checking shape and finiteness.
 
-    Parameters
-    ----------
-    value : (…) array of the expected shape, in any unit
-    name : of the value, for the message
-    shape : the expected shape; None stands for any length of that axis
-
-    Returns
-    -------
-    array
-        (…) of the expected shape
+    None in the expected shape stands for any length of that axis.
     """
     try:
         array = np.array(value, dtype=np.float64, order="C")
@@ -94,13 +89,7 @@ def finite_array(value: ArrayLike, name: str, shape: Sequence[int | None]) -> ND
 
 
 def edge_vector(value: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Return edge lengths (3,) after checking that all are above zero.
-
-    Parameters
-    ----------
-    value : (3,) m
-    name : of the value, for the message
-    """
+    """Return `value` (3,) m after checking that all are above zero."""
     edges = finite_array(value, name, (3,))
     if (edges <= 0.0).any():
         raise InvalidInputError(f"{name} are {edges.tolist()}; expected all above zero")
@@ -108,17 +97,9 @@ def edge_vector(value: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def unit_quaternion(value: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Return a quaternion, (4,), normalised to machine precision.
+    """Return `value` (4,) as (x, y, z, w), normalised to machine precision.
 
-    Parameters
-    ----------
-    value : (4,) as (x, y, z, w)
-    name : of the value, for the message
-
-    Raises
-    ------
-    InvalidInputError
-        When its norm differs from one by more than `UNIT_QUATERNION_TOLERANCE`.
+    Its norm may differ from one by `UNIT_QUATERNION_TOLERANCE`.
     """
     quaternion = finite_array(value, name, (4,))
     norm = float(np.linalg.norm(quaternion))
@@ -130,13 +111,7 @@ def unit_quaternion(value: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def unit_vector(value: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Return a vector, (3,), scaled to length one.
-
-    Parameters
-    ----------
-    value : (3,) of any length but zero
-    name : of the value, for the message
-    """
+    """Return `value` (3,), of any length but zero, scaled to length one."""
     vector = finite_array(value, name, (3,))
     norm = float(np.linalg.norm(vector))
     if norm < 1e-12:
@@ -145,13 +120,7 @@ def unit_vector(value: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def covariance_matrix(value: ArrayLike, name: str, size: int) -> NDArray[np.float64]:
-    """Return a symmetric, positive semi-definite matrix, (size, size).
-
-    Parameters
-    ----------
-    value : (size, size)
-    name : of the value, for the message
-    """
+    """Return `value` (size, size) after checking that it is symmetric, positive semi-definite."""
     matrix = finite_array(value, name, (size, size))
     scale = max(float(np.abs(matrix).max()), 1e-300)
     if np.abs(matrix - matrix.T).max() > 1e-6 * scale:
@@ -169,13 +138,7 @@ def covariance_matrix(value: ArrayLike, name: str, size: int) -> NDArray[np.floa
 def covariance_matrices(
     value: ArrayLike, name: str, count: int, *, size: int
 ) -> NDArray[np.float64]:
-    """Return symmetric, positive semi-definite matrices, (count, size, size).
-
-    Parameters
-    ----------
-    value : (count, size, size)
-    name : of the value, for the message
-    """
+    """Return `value` (count, size, size) after checking each matrix as `covariance_matrix` does."""
     matrices = finite_array(value, name, (count, size, size))
     transposed = matrices.swapaxes(1, 2)
     scales = np.maximum(np.abs(matrices).max(axis=(1, 2)), 1e-300)
@@ -191,13 +154,7 @@ def covariance_matrices(
 
 
 def increasing_times(value: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Return strictly increasing times, (n_times,) s.
-
-    Parameters
-    ----------
-    value : (n_times,) s, at least one
-    name : of the value, for the message
-    """
+    """Return `value` (n_times,) s, at least one time, after checking that it strictly increases."""
     times = finite_array(value, name, (None,))
     if times.size == 0:
         raise InvalidInputError(f"{name} is empty; expected at least one time")
@@ -217,6 +174,19 @@ def set_fields(target: Any, **values: Any) -> None:
         if isinstance(value, np.ndarray):
             value.setflags(write=False)
         object.__setattr__(target, name, value)
+
+
+def plain_data(record: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass as numbers, strings and lists, for JSON."""
+    return {item.name: _plain(getattr(record, item.name)) for item in fields(record)}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value.to_dict() if hasattr(value, "to_dict") else value
 
 
 def _scaled_to_one(array: NDArray[np.float64], norm: float) -> NDArray[np.float64]:

@@ -18,7 +18,6 @@ from intuitive_physics_msgs.msg import (
     ObjectStates,
     Region,
     ResultCode,
-    Shape,
     TrajectoryDistribution,
 )
 from intuitive_physics_msgs.msg import StaticParameters as StaticParametersMessage
@@ -111,8 +110,8 @@ def feed_until(peer, holds, what, make=states_message):
     return answer
 
 
-def told(diagnostics, name, text):
-    """Whether a diagnostic of the node says something."""
+def reports(diagnostics, name, text):
+    """Whether a diagnostic of the node has this text."""
     return any(
         status.name == f"predictor_node: {name}" and text in status.message
         for message in diagnostics
@@ -186,7 +185,7 @@ def test_predictions_stop_and_start_with_the_object_states(peer, inputs, node):
     feed_until(peer, lambda: heard, "a prediction")
     diagnostics.clear()
     stale = "expected at most 2 s"
-    peer.spin_until(lambda: told(diagnostics, "prediction", stale), f"a diagnostic: {stale}")
+    peer.spin_until(lambda: reports(diagnostics, "prediction", stale), f"a diagnostic: {stale}")
     peer.spin_for(0.5)
     count = len(heard)
     peer.spin_for(1.0)
@@ -210,7 +209,7 @@ def test_unusable_states_are_reported_and_nothing_is_published(peer, inputs, cha
     feed_until(peer, lambda: heard, "a prediction")
     diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
     make = partial(states_message, **changes)
-    feed_until(peer, lambda: told(diagnostics, "prediction", reason), reason, make)
+    feed_until(peer, lambda: reports(diagnostics, "prediction", reason), reason, make)
     count = len(heard)
     end = time.monotonic() + 0.5
     feed_until(peer, lambda: time.monotonic() > end, "half a second", make)
@@ -365,24 +364,13 @@ def too_fast(message):
     velocity.x, velocity.y, velocity.z = 1e308, 1e308, -1e308
 
 
-def zero_quaternion(message):
-    message.pose.pose.orientation.w = 0.0
-
-
 @pytest.mark.parametrize(
     ("changes", "code", "word"),
     [
         ({"objects": []}, ResultCode.INVALID_INPUT, "no objects"),
-        (
-            {"objects": spoilt_objects(lambda m: setattr(m, "shape", Shape(kind=9)))},
-            ResultCode.INVALID_INPUT,
-            "kind",
-        ),
         ({"objects": spoilt_objects(nan_position)}, ResultCode.INVALID_INPUT, "position"),
-        ({"objects": spoilt_objects(zero_quaternion)}, ResultCode.INVALID_INPUT, "orientation"),
         ({"times": [0.0, 0.5, 0.5]}, ResultCode.INVALID_INPUT, "increase"),
         ({"horizon": -1.0}, ResultCode.INVALID_INPUT, "horizon"),
-        ({"horizon": float("inf")}, ResultCode.INVALID_INPUT, "horizon"),
         ({"objects": spoilt_objects(below_the_floor)}, ResultCode.INVALID_INPUT, "overlaps"),
         ({"objects": spoilt_objects(too_fast)}, ResultCode.PREDICTION_FAILED, "none of 50"),
         ({"sample_count": 4_000_000_000}, ResultCode.INVALID_INPUT, "ask for fewer"),
@@ -407,7 +395,9 @@ def test_bad_states_are_one_diagnostic_and_the_node_goes_on(peer, inputs):
         nan_position(message.objects[0])
         return message
 
-    feed_until(peer, lambda: told(diagnostics, "object_states", "position"), "a diagnostic", spoilt)
+    feed_until(
+        peer, lambda: reports(diagnostics, "object_states", "position"), "a diagnostic", spoilt
+    )
     heard = peer.listen(TrajectoryDistribution, "intuitive_physics/predictions", SENSOR_DATA)
     feed_until(peer, lambda: heard, "a prediction")
 
@@ -462,7 +452,6 @@ def query_of_new_state(peer, fed, **fields):
     ("fields", "chance", "when"),
     [
         ({"event": Query.Request.FALLS_BELOW, "height": 0.5}, 1.0, FALL),
-        ({"event": Query.Request.FALLS_BELOW, "height": -1.0}, 0.0, None),
         ({"event": Query.Request.ENTERS_REGION, "region": HALF_SPACE}, 1.0, FALL),
         # At x = 0.6 after 0.3 s it is 0.44 m below where it began.
         (
@@ -525,33 +514,12 @@ def test_a_query_may_look_farther_than_the_node(peer, fed):
             ResultCode.UNKNOWN_NAME,
             "expected one of ball",
         ),
-        (
-            {"event": Query.Request.TOUCHES, "other_id": "moon"},
-            ResultCode.UNKNOWN_NAME,
-            "expected one of ball, floor",
-        ),
-        ({"event": Query.Request.TOUCHES, "other_id": "ball"}, ResultCode.INVALID_INPUT, "both"),
         ({"event": 77}, ResultCode.INVALID_INPUT, "event is 77"),
         ({"event": Query.Request.ENTERS_REGION}, ResultCode.INVALID_INPUT, "region kind"),
         (
             {"event": Query.Request.FALLS_BELOW, "height": float("nan")},
             ResultCode.INVALID_INPUT,
             "height",
-        ),
-        (
-            {"event": Query.Request.INTERCEPTS, "region": HALF_SPACE, "reach": 0.1},
-            ResultCode.INVALID_INPUT,
-            "box",
-        ),
-        (
-            {"event": Query.Request.INTERCEPTS, "region": region(Region.BOX), "reach": -0.1},
-            ResultCode.INVALID_INPUT,
-            "reach",
-        ),
-        (
-            {"event": Query.Request.COMES_TO_REST, "horizon": -1.0},
-            ResultCode.INVALID_INPUT,
-            "horizon",
         ),
         (
             {"event": Query.Request.COMES_TO_REST, "sample_count": 4_000_000_000},

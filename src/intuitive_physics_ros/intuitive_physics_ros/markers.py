@@ -10,6 +10,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, Vector3
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -307,22 +308,7 @@ def _ellipsoid(center: NDArray[np.float64], covariance: NDArray[np.float64]) -> 
     return Marker(
         ns="covariance",
         type=Marker.SPHERE,
-        pose=pose_to_message(center, _quaternion(axes)),
+        pose=pose_to_message(center, Rotation.from_matrix(axes).as_quat()),
         scale=vector_to_message(size),
         color=ELLIPSOID_COLOR,
     )
-
-
-def _quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the unit quaternion (x, y, z, w) of a rotation matrix (3, 3)."""
-    # The eigenvector of this symmetric matrix to its largest eigenvalue (Bar-Itzhack 2000).
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation
-    matrix = np.array(
-        [
-            [xx - yy - zz, yx + xy, zx + xz, zy - yz],
-            [yx + xy, yy - xx - zz, zy + yz, xz - zx],
-            [zx + xz, zy + yz, zz - xx - yy, yx - xy],
-            [zy - yz, xz - zx, yx - xy, xx + yy + zz],
-        ]
-    )
-    return np.asarray(np.linalg.eigh(matrix)[1][:, -1])

@@ -11,7 +11,7 @@ setup(
         ("share/" + package_name, ["package.xml"]),
     ],
     python_requires=">=3.10",
-    install_requires=["setuptools", "numpy>=1.26", "scipy>=1.11.4"],
+    install_requires=["setuptools", "numpy>=1.26", "scipy"],
     extras_require={"test": ["pytest", "hypothesis"]},
     zip_safe=False,
     maintainer="Intuitive Physics maintainers",

@@ -152,17 +152,18 @@ class SelfCalibration:
         if self._kept and time - self._kept[-1].time < EVERY:
             return
         until = int(np.searchsorted(made.times, HORIZONS[-1] + 2.0 * CLOSE))
+        times = made.times[:until]
         mean, covariance = made.mean[:, :until], made.covariance[:, :until]
         named = list(enumerate(made.object_ids))
         spins = [(k, name) for k, name in named if name in guessed]
         self._kept.append(
             _Kept(
-                time,
-                made.times[:until],
-                {name: mean[k] for k, name in named},
-                {name: covariance[k] for k, name in named},
-                {name: _first_contact(made.times[:until], mean[k], gravity) for k, name in spins},
-                {kind: self.factor(kind).value for kind in KINDS},
+                time=time,
+                times=times,
+                means={name: mean[k] for k, name in named},
+                covariances={name: covariance[k] for k, name in named},
+                contact={name: _first_contact(times, mean[k], gravity) for k, name in spins},
+                factors={kind: self.factor(kind).value for kind in KINDS},
             )
         )
         while time - self._kept[0].time > HORIZONS[-1] + 2.0 * CLOSE:

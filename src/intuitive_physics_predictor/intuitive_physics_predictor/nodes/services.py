@@ -169,11 +169,11 @@ def question_from_request(request: Query.Request) -> Question:
     return Question(
         event,
         request.object_id,
-        region_from_message(request.region) if event in WITH_REGION else None,
-        request.other_id,
-        request.height,
-        request.reach,
-        request.earliest,
-        request.sample_count,
-        request.horizon,
+        region=region_from_message(request.region) if event in WITH_REGION else None,
+        other_id=request.other_id,
+        height=request.height,
+        reach=request.reach,
+        earliest=request.earliest,
+        sample_count=request.sample_count,
+        horizon=request.horizon,
     )

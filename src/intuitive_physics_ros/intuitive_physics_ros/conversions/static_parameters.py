@@ -136,12 +136,12 @@ def static_parameters_from_message(message: StaticParametersMessage) -> LearnedP
         StaticParameters(materials, density, coefficients),
         np.concatenate([deviations, *(pair.standard_deviations for pair in pairs)]),
         np.concatenate([identified, *(pair.identified for pair in pairs)]).astype(bool),
-        message.version,
-        message.cost,
-        message.observation_count,
-        message.method,
-        _intervals(message, pairs),
-        _posterior(message),
+        version=message.version,
+        cost=message.cost,
+        observation_count=message.observation_count,
+        method=message.method,
+        intervals=_intervals(message, pairs),
+        posterior=_posterior(message),
         initial_spins=_initial_spins(message),
     )
 

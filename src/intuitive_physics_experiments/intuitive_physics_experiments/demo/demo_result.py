@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
+from intuitive_physics.messages.geometry import seconds_from_stamp
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import Environment
 from intuitive_physics.simulation import make_simulator
@@ -252,9 +253,8 @@ def depth_images(bag: Path) -> Iterator[tuple[float, NDArray[Any]]]:
     with BagReader(bag) as reader:
         for message in reader.messages([DEPTH_TOPIC]):
             image = reader.decode(message)
-            stamp = image.header.stamp.sec + 1e-9 * image.header.stamp.nanosec
             yield (
-                stamp,
+                seconds_from_stamp(image.header.stamp),
                 depth_from_image_data(
                     image.data,
                     width=image.width,

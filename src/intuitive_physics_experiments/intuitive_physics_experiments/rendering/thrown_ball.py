@@ -19,9 +19,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from math import sqrt
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +28,7 @@ from scipy.spatial.transform import Rotation
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.scene import Environment
+from intuitive_physics.simulation.bullet.client import Client
 from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import positive_float
 
@@ -108,29 +108,24 @@ def move_ball(
             f"sample rate is {sample_rate} Hz; expected a divisor of {step_rate} Hz, that of steps"
         )
     samples = int(np.floor(positive_float(duration, "duration") * sample_rate + 1e-9)) + 1
-    import pybullet
-
-    client = pybullet.connect(pybullet.DIRECT)
-    try:
-        _set_up_world(pybullet, client, environment, fidelity.step)
+    rows = np.empty((samples, 9))
+    with Client() as engine:
+        _set_up_world(engine, environment, fidelity.step)
         mass = density * 4.0 / 3.0 * np.pi * radius**3
-        ball = _add_ball(pybullet, client, radius, mass, contact, start)
+        ball = _add_ball(engine, radius, mass, contact, start)
         grip = None
         if fidelity.grip:
-            grip = _Grip(pybullet, client, ball, environment, radius, contact, fidelity.step)
-        rows = np.empty((samples, 9))
+            grip = _Grip(engine, ball, environment, radius, contact, fidelity.step)
+        step = engine.stepSimulation
         for row in rows:
-            row[:3] = pybullet.getBasePositionAndOrientation(ball, physicsClientId=client)[0]
-            velocity = pybullet.getBaseVelocity(ball, physicsClientId=client)
-            row[3:] = (*velocity[0], *velocity[1])
+            row[:3] = engine.getBasePositionAndOrientation(ball)[0]
+            row[3:] = np.concatenate(engine.getBaseVelocity(ball))
             left = stride
             while left:
                 count = left if grip is None else min(left, grip.prepare())
                 for _ in range(count):
-                    pybullet.stepSimulation(physicsClientId=client)
+                    step()
                 left -= count
-    finally:
-        pybullet.disconnect(client)
     return BallMotion(np.arange(samples) / sample_rate, rows[:, :3], rows[:, 3:6], rows[:, 6:])
 
 
@@ -143,15 +138,16 @@ class _Grip:
 
     def __init__(
         self,
-        pybullet: ModuleType,
-        client: int,
+        engine: Client,
         ball: int,
         environment: Environment,
         radius: float,
         contact: BallContact,
         step: float,
     ) -> None:
-        self._pybullet, self._client, self._ball = pybullet, client, ball
+        self._pose = partial(engine.getBasePositionAndOrientation, ball)
+        self._velocity = partial(engine.getBaseVelocity, ball)
+        self._change = partial(engine.changeDynamics, ball, -1)
         self._gravity = environment.gravity.tolist()
         self._pull = sqrt(_dot(self._gravity, self._gravity))
         self._planes = [(plane.normal.tolist(), plane.offset) for plane in environment.planes]
@@ -160,14 +156,11 @@ class _Grip:
 
     def prepare(self) -> int:
         """Set the ball's rolling friction; return for how many steps, at least 1, it is right."""
-        pose = self._pybullet.getBasePositionAndOrientation(
-            self._ball, physicsClientId=self._client
-        )
-        velocity, spin = self._pybullet.getBaseVelocity(self._ball, physicsClientId=self._client)
+        (position, _), (velocity, spin) = self._pose(), self._velocity()
         speed = sqrt(_dot(velocity, velocity)) + self._pull * self._step
         sticks, lies, hits, alone = True, False, False, 1.0
         for normal, offset in self._planes:
-            gap = max(_dot(normal, pose[0]) - offset - self._radius, 0.0)
+            gap = max(_dot(normal, position) - offset - self._radius, 0.0)
             # It cannot fall through the gap sooner.
             fall = 2.0 * gap / (speed + sqrt(speed**2 + 2.0 * self._pull * gap))
             alone = min(alone, fall)
@@ -201,26 +194,20 @@ class _Grip:
         arms = arm if sticks else 0.0, arm if lies else 0.0
         if arms != self._arms:
             self._arms = arms
-            self._pybullet.changeDynamics(
-                self._ball,
-                -1,
-                rollingFriction=arms[0],
-                spinningFriction=arms[1],
-                physicsClientId=self._client,
-            )
+            self._change(rollingFriction=arms[0], spinningFriction=arms[1])
 
 
 def _dot(a: Sequence[float], b: Sequence[float]) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _set_up_world(pybullet: ModuleType, client: int, environment: Environment, step: float) -> None:
-    pybullet.setGravity(*environment.gravity, physicsClientId=client)
+def _set_up_world(engine: Client, environment: Environment, step: float) -> None:
+    engine.setGravity(*environment.gravity)
     # Restitution is exact only if impulses act while the bodies touch, and never before: Bullet
     # subtracts the remaining gap (or the slop) over the step from the rebound speed. So contacts
     # count from distance 0 (`contactProcessingThreshold` below), the slop is 0, and penetration,
     # at most one step deep, is not pushed out, which would add energy.
-    pybullet.setPhysicsEngineParameter(
+    engine.setPhysicsEngineParameter(
         fixedTimeStep=step,
         numSolverIterations=50,
         numSubSteps=0,
@@ -229,17 +216,13 @@ def _set_up_world(pybullet: ModuleType, client: int, environment: Environment, s
         contactSlop=0.0,
         contactERP=0.0,
         deterministicOverlappingPairs=1,
-        physicsClientId=client,
     )
     for plane in environment.planes:
-        shape = pybullet.createCollisionShape(
-            pybullet.GEOM_PLANE, planeNormal=plane.normal.tolist(), physicsClientId=client
-        )
-        body = pybullet.createMultiBody(
-            0.0, shape, basePosition=(plane.normal * plane.offset).tolist(), physicsClientId=client
-        )
+        shape = engine.createCollisionShape(engine.GEOM_PLANE, planeNormal=plane.normal.tolist())
+        place = (plane.normal * plane.offset).tolist()
+        body = engine.createMultiBody(0.0, shape, basePosition=place)
         # Bullet multiplies the coefficients of two bodies: ones here leave the ball's own.
-        pybullet.changeDynamics(
+        engine.changeDynamics(
             body,
             -1,
             lateralFriction=1.0,
@@ -247,25 +230,15 @@ def _set_up_world(pybullet: ModuleType, client: int, environment: Environment, s
             spinningFriction=0.0,
             restitution=1.0,
             contactProcessingThreshold=0.0,
-            physicsClientId=client,
         )
 
 
 def _add_ball(
-    pybullet: ModuleType,
-    client: int,
-    radius: float,
-    mass: float,
-    contact: BallContact,
-    start: ObjectState,
+    engine: Client, radius: float, mass: float, contact: BallContact, start: ObjectState
 ) -> int:
-    shape = pybullet.createCollisionShape(
-        pybullet.GEOM_SPHERE, radius=radius, physicsClientId=client
-    )
-    ball = pybullet.createMultiBody(
-        mass, shape, basePosition=start.position.tolist(), physicsClientId=client
-    )
-    pybullet.changeDynamics(
+    shape = engine.createCollisionShape(engine.GEOM_SPHERE, radius=radius)
+    ball = engine.createMultiBody(mass, shape, basePosition=start.position.tolist())
+    engine.changeDynamics(
         ball,
         -1,
         lateralFriction=contact.friction,
@@ -276,13 +249,8 @@ def _add_ball(
         linearDamping=0.0,
         angularDamping=0.0,
         contactProcessingThreshold=0.0,
-        activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
-        physicsClientId=client,
+        activationState=engine.ACTIVATION_STATE_DISABLE_SLEEPING,
     )
-    pybullet.resetBaseVelocity(
-        ball,
-        start.linear_velocity.tolist(),
-        start.angular_velocity.tolist(),
-        physicsClientId=client,
-    )
-    return ball
+    velocity, spin = start.linear_velocity.tolist(), start.angular_velocity.tolist()
+    engine.resetBaseVelocity(ball, velocity, spin)
+    return int(ball)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 import time
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -67,7 +67,7 @@ class Progress:
             self._bar_length = 0
 
 
-class Suite:
+class Suite(AbstractContextManager["Suite"]):
     """Starts perception, learner and predictor, and stops them at the end.
 
     The learner keeps what it receives in the file `database`, the predictor predicts `horizon` s
@@ -122,15 +122,7 @@ class Suite:
             process.stop()
             (self._log_folder / f"{name}.log").write_text(process.output, encoding="utf-8")
 
-    def __enter__(self) -> Suite:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
 
@@ -138,8 +130,8 @@ class Suite:
 class Heard:
     """Messages of the nodes; distributions with the time each arrived (s, monotonic)."""
 
-    environments: list[Environment] = field(default_factory=list)
-    observations: list[Observation] = field(default_factory=list)
+    environments: list[Environment]
+    observations: list[Observation]
     distributions: list[tuple[float, TrajectoryDistribution]] = field(default_factory=list)
 
     def clear(self) -> None:
@@ -150,11 +142,11 @@ class Heard:
 
 def listen(peer: Peer) -> Heard:
     """Begin to hear the nodes."""
-    heard = Heard()
-    subscribe = peer.node.create_subscription
-    subscribe(Environment, ENVIRONMENT, heard.environments.append, LATCHED)
-    subscribe(Observation, OBSERVATIONS, heard.observations.append, RELIABLE)
-    subscribe(
+    heard = Heard(
+        peer.listen(Environment, ENVIRONMENT, LATCHED),
+        peer.listen(Observation, OBSERVATIONS, RELIABLE),
+    )
+    peer.node.create_subscription(
         TrajectoryDistribution,
         PREDICTIONS,
         lambda message: heard.distributions.append((time.monotonic(), message)),

@@ -25,8 +25,8 @@ def test_depth_images_are_guessed_with_their_camera(small_bag):
         assert time == pytest.approx(bag.start_time * 1e-9)
     truth = GroundTruth.load(small_bag)
     world = points @ truth.camera.rotation.T + truth.camera.position
-    seen = np.isfinite(points[..., 2])
-    distances = [np.abs(p.signed_distances(world[seen])) for p in truth.environment.planes]
+    is_measured = np.isfinite(points[..., 2])
+    distances = [np.abs(p.signed_distances(world[is_measured])) for p in truth.environment.planes]
     assert np.median(np.min(distances, axis=0)) < 0.01
 
 
@@ -35,20 +35,20 @@ def test_a_throw_becomes_an_observation_near_the_truth(small_bag):
     (throw,) = truth.throws
     settings = PerceptionSettings(known_objects=(KnownObject("foam", throw.radius, "foam"),))
     progress: list[tuple[int, int]] = []
-    seen = perceive_recording(
+    perceived = perceive_recording(
         small_bag,
         settings,
         np.random.default_rng(0),
         on_progress=lambda done, total: progress.append((done, total)),
     )
-    assert progress[-1] == (seen.source.frames, seen.source.frames)
-    assert seen.model is not None
-    assert len(seen.model.environment.planes) == 3
-    assert seen.frames_with_spheres >= 28
-    (observation,) = seen.observations
+    assert progress[-1] == (perceived.source.frames, perceived.source.frames)
+    assert perceived.model is not None
+    assert len(perceived.model.environment.planes) == 3
+    assert perceived.frames_with_spheres >= 28
+    (observation,) = perceived.observations
     (ball,) = observation.objects
     assert ball.object.material == "foam"
-    sensor = seen.model.to_sensor(ball.trajectory.positions)
+    sensor = perceived.model.to_sensor(ball.trajectory.positions)
     world = sensor @ truth.camera.rotation.T + truth.camera.position
     times = ball.trajectory.times - truth.start_time * 1e-9
     inside = (times >= throw.start_time) & (times <= throw.end_time)

@@ -87,7 +87,7 @@ def test_coverage_tells_true_predictions_from_too_sure_ones(spread, low, high):
 def test_seeing_with_noise_is_part_of_the_prediction():
     # What happened has σ = 1, what was seen √2; the prediction knows the noise of seeing.
     rng = np.random.default_rng(3)
-    seen = [
+    outcomes = [
         Outcome(
             scene(),
             TIMES,
@@ -96,7 +96,7 @@ def test_seeing_with_noise_is_part_of_the_prediction():
         )
         for _ in range(300)
     ]
-    assert np.abs(score(seen, normal_prediction(1.0), seed=1).coverage(0.9) - 0.9).max() < 0.06
+    assert np.abs(score(outcomes, normal_prediction(1.0), seed=1).coverage(0.9) - 0.9).max() < 0.06
 
 
 def test_one_sample_has_a_score_and_no_regions():
@@ -170,9 +170,9 @@ def test_stated_noise_of_a_track_that_bounces_often_gets_its_factor():
             orientations=False,
         ).positions[0, 0]
         roots = np.diag([0.001, 0.001, 0.003])
-        seen = positions + 1.5 * rng.standard_normal(positions.shape) @ roots
+        noisy = positions + 1.5 * rng.standard_normal(positions.shape) @ roots
         stated = np.broadcast_to(roots @ roots, (len(times), 3, 3))
-        factors.append(position_noise(Trajectory(times, seen), stated))
+        factors.append(position_noise(Trajectory(times, noisy), stated))
     # Each track shows its factor to about 10 %, twelve of them to 3 %; bounces below the noise
     # count as noise.
     assert np.mean(factors) == pytest.approx(1.5, rel=0.12)
@@ -185,10 +185,10 @@ def test_paper_outcomes_are_what_truly_happened(sphere_set):
         # Points come at 30 Hz: 0.5 s and 2 s are 15 and 60 of them after the sixth.
         np.testing.assert_allclose(outcome.positions, run.positions[:, [20, 65]], atol=1e-9)
         np.testing.assert_allclose(outcome.times, [5 / 30 + 0.5, 5 / 30 + 2.0])
-    seen = paper_outcomes(
+    noisy = paper_outcomes(
         runs, sphere_set.parameters, ENGINE, 6, (0.5, 2.0), np.random.default_rng(0)
     )
-    for outcome in seen:
+    for outcome in noisy:
         expected = np.broadcast_to(POSITION_NOISE**2 * np.eye(3), (1, 2, 3, 3))
         np.testing.assert_array_equal(outcome.covariances, expected)
 
@@ -197,8 +197,8 @@ def test_observed_outcomes_see_first_points_only(sphere_set):
     runs = sphere_set.test
     outcomes = observed_outcomes([run.observation for run in runs], 6, (0.5, 30.0))
     for run, outcome in zip(runs, outcomes, strict=True):
-        seen = run.observation.objects[0].trajectory
-        np.testing.assert_array_equal(outcome.positions[0, 0], seen.positions[20])
+        track = run.observation.objects[0].trajectory
+        np.testing.assert_array_equal(outcome.positions[0, 0], track.positions[20])
         assert np.isnan(outcome.positions[0, 1]).all()
         # The median of some 144 windows; their noise is known to a few percent.
         deviation = np.sqrt(outcome.covariances[0, 0, 0, 0])
@@ -210,8 +210,8 @@ def test_observed_outcomes_see_first_points_only(sphere_set):
 def test_detections_count_where_there_are_some(sphere_set):
     # A trajectory that was smoothed says nothing of its errors; the detections say what they are.
     run = sphere_set.test[0]
-    seen = run.observation.objects[0]
-    times = seen.trajectory.times
+    observed = run.observation.objects[0]
+    times = observed.trajectory.times
     rng = np.random.default_rng(5)
     truth = ENGINE.rollout([run.scene], sphere_set.parameters, times, orientations=False)
     roots = np.diag([0.001, 0.002, 0.004])
@@ -221,12 +221,12 @@ def test_detections_count_where_there_are_some(sphere_set):
         np.broadcast_to(roots @ roots, (len(times), 3, 3)),
         0.003**2 * np.eye(3),
     )
-    observation = replace(run.observation, objects=(replace(seen, detections=detections),))
+    observation = replace(run.observation, objects=(replace(observed, detections=detections),))
     (outcome,) = observed_outcomes([observation], 6, (0.5,))
     np.testing.assert_array_equal(outcome.positions[0, 0], detections.positions[20])
     # The track's own factor is the median of some 140 differences: known to 10 %.
-    own = outcome.covariances[0, 0] - detections.bias
-    np.testing.assert_allclose(np.sqrt(np.diag(own)), np.diag(roots), rtol=0.3)
+    covariance = outcome.covariances[0, 0] - detections.bias
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), np.diag(roots), rtol=0.3)
     (known,) = outcome.scene.states
     exact = run.scene.states[0].linear_velocity
     variances = np.diag(known.covariance)[6:9]
@@ -239,12 +239,12 @@ def test_more_points_are_judged_at_the_same_instants(sphere_set):
     few, many = (
         paper_outcomes(runs, truth, ENGINE, points, (0.5, 2.0), ahead_of=10) for points in (3, 10)
     )
-    for run, one, other in zip(runs, few, many, strict=True):
-        np.testing.assert_array_equal(one.times, other.times)
-        np.testing.assert_array_equal(one.positions, other.positions)
-        np.testing.assert_allclose(one.positions, run.positions[:, [24, 69]], atol=1e-9)
+    for run, early, late in zip(runs, few, many, strict=True):
+        np.testing.assert_array_equal(early.times, late.times)
+        np.testing.assert_array_equal(early.positions, late.positions)
+        np.testing.assert_allclose(early.positions, run.positions[:, [24, 69]], atol=1e-9)
         # Least squares: what more points leave open is never more.
-        for less, more in zip(one.scene.states, other.scene.states, strict=True):
+        for less, more in zip(early.scene.states, late.scene.states, strict=True):
             assert np.linalg.eigvalsh(less.covariance - more.covariance).min() > -1e-12
     with pytest.raises(InvalidInputError, match="point 5 and 6 points are seen"):
         paper_outcomes(runs, truth, ENGINE, 6, ahead_of=5)
@@ -275,22 +275,22 @@ def test_calibration_on_spheres():
         iterations=500,
         seed=2,
     )
-    found = calibrate_on_paper_set(options)
-    energy = {k: v.energy.mean() for k, v in found.calibration.scores.items()}
+    result = calibrate_on_paper_set(options)
+    energy = {k: v.energy.mean() for k, v in result.calibration.scores.items()}
     assert energy[OURS] < min(energy["single rollout"], energy["free flight"])
     # Of 50 held-out throws 90 % is 90 ± 4 %; the noise fit adds some percent.
-    summary = found.summary()
+    summary = result.summary()
     assert all(0.7 < share <= 1.0 for share in summary["coverage_90"].values())
     assert summary["energy_score_vs_best_baseline"] == pytest.approx(
-        found.calibration.energy_score_vs_best_baseline.max(), abs=1e-4
+        result.calibration.energy_score_vs_best_baseline.max(), abs=1e-4
     )
     fitted = energy[FITTED]
-    assert found.calibration.energy_score_vs_fitted_noise.min() <= energy[OURS] / fitted
-    assert found.calibration.energy_score_vs_fitted_noise.max() >= energy[OURS] / fitted
-    errors = {points: scores.error.mean() for points, scores in found.by_points.items()}
+    assert result.calibration.energy_score_vs_fitted_noise.min() <= energy[OURS] / fitted
+    assert result.calibration.energy_score_vs_fitted_noise.max() >= energy[OURS] / fitted
+    errors = {points: scores.error.mean() for points, scores in result.by_points.items()}
     assert errors[10] < errors[3]
-    assert len(score_rows(found.calibration)) == 2 * len(energy)
-    assert {row["prediction"] for row in reliability_rows(found.calibration)} == set(energy) - {
+    assert len(score_rows(result.calibration)) == 2 * len(energy)
+    assert {row["prediction"] for row in reliability_rows(result.calibration)} == set(energy) - {
         "single rollout"
     }
     with pytest.raises(InvalidInputError, match="ask for more"):
@@ -302,11 +302,11 @@ def detected_set(sphere_set):
     """Observations whose trajectories are what was detected, and say how noisy it is."""
     observations = []
     for run in (*sphere_set.training, *sphere_set.test):
-        (seen,) = run.observation.objects
-        track = seen.trajectory
+        (observed,) = run.observation.objects
+        track = observed.trajectory
         alike = np.broadcast_to(POSITION_NOISE**2 * np.eye(3), (len(track), 3, 3))
         detections = Detections(track.times, track.positions, alike, np.zeros((3, 3)))
-        stated = replace(seen, detections=detections)
+        stated = replace(observed, detections=detections)
         observations.append(replace(run.observation, objects=(stated,)))
     return observations
 
@@ -355,10 +355,10 @@ def test_the_error_of_a_ratio_is_that_of_repetitions():
     ratios, errors = [], []
     for _ in range(400):
         sizes = rng.gamma(2.0, 1.0, (100, 1))
-        found, error = ratios_of_means(
+        ratio, error = ratios_of_means(
             sizes * rng.uniform(0.5, 1.1, (100, 1)), sizes * rng.uniform(0.8, 1.2, (100, 1))
         )
-        ratios.append(found[0])
+        ratios.append(ratio[0])
         errors.append(error[0])
     # A standard deviation of 400 ratios is off by 1/√800 = 3.5 %; the mean is biased by 1/n.
     assert np.mean(ratios) == pytest.approx(0.8, rel=0.005)
@@ -386,16 +386,16 @@ def test_calibration_in_several_splits(detected_set, tmp_path):
     options = CalibrationOptions(
         points=6, horizons=(0.3, 0.6), splits=3, samples=10, iterations=50, cores=2
     )
-    found = calibrate_on_observations(observations, options)
-    result = found.calibration
+    calibrated = calibrate_on_observations(observations, options)
+    result = calibrated.calibration
     assert isinstance(result, Calibration)
-    assert found.learned.observation_count == len(observations)
+    assert calibrated.learned.observation_count == len(observations)
     assert len(result.fits) == len(result.fixed_deviations) == 3
     assert all(len(scores.energy) == len(observations) for scores in result.scores.values())
     spins = sorted(fit.scales.spin for fit in result.fits)
     assert result.scales.spin == spins[1]
     assert (result.ideal_energy_score_vs_fitted_noise > 0.0).all()
-    write_calibration(tmp_path, "Calibration", result, found.learned)
+    write_calibration(tmp_path, "Calibration", result, calibrated.learned)
     page = (tmp_path / "README.md").read_text(encoding="utf-8")
     assert "medians of 3 splits" in page
     assert page.count(f"| {len(observations)} |") == 2 * len(result.scores)

@@ -39,10 +39,10 @@ def shot(**changes: Any) -> dict[str, Any]:
 
 
 def test_a_shot_becomes_an_observation_of_three_balls():
-    (seen,) = carom_observations(shot())
-    assert seen.materials == ("ball", "cloth", "cushion")
-    assert seen.start_time == pytest.approx(0.01)
-    left, cue, right = seen.objects
+    (observation,) = carom_observations(shot())
+    assert observation.materials == ("ball", "cloth", "cushion")
+    assert observation.start_time == pytest.approx(0.01)
+    left, cue, right = observation.objects
     assert cue.initial_state.position == pytest.approx([0.7, 0.5, RADIUS], abs=1e-3)
     # The mean velocity of the rows it is fitted to, of 0.1 s, lags by half of what they lose.
     assert cue.initial_state.linear_velocity == pytest.approx(
@@ -60,8 +60,8 @@ def test_only_rows_before_the_first_contact_tell_the_velocity():
     # The ball comes back from a cushion at y = 0 in its fifth row.
     path = np.abs(0.08 - 1.0 * (rows[61:122, 2] - 0.01)) + RADIUS
     rows[61:122, 4] = path
-    (seen,) = carom_observations(arrays)
-    assert seen.objects[1].initial_state.linear_velocity == pytest.approx(
+    (observation,) = carom_observations(arrays)
+    assert observation.objects[1].initial_state.linear_velocity == pytest.approx(
         [0.0, -1.0, 0.0], abs=1e-6
     )
 
@@ -98,8 +98,10 @@ def test_any_numbers_are_loaded_or_refused(places):
 def test_recorded_shots(recording):
     observations = carom_observations(load_arrays(recording("carom_billiards.npz")))
     assert len(observations) == 20
-    for seen in observations:
-        speeds = [np.linalg.norm(ball.initial_state.linear_velocity) for ball in seen.objects]
+    for observation in observations:
+        speeds = [
+            np.linalg.norm(ball.initial_state.linear_velocity) for ball in observation.objects
+        ]
         # One ball is struck, at a speed a player can give it.
         assert sorted(speed > 0.0 for speed in speeds) == [False, False, True]
         assert 1.0 < max(speeds) < 8.0

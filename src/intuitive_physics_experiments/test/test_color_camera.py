@@ -88,7 +88,7 @@ def test_an_exposure_blurs_what_turns(renderer):
     sharp, blurred = (read(renderer, ball, replace(SILENT, exposure=t)) for t in (0.0, 0.01))
     u, v = np.rint(renderer.camera.project(AHEAD)).astype(int)
     inside = slice(v - 15, v + 16), slice(u - 15, u + 16)
-    steps = [np.square(np.diff(one[inside], axis=1)).sum() for one in (sharp, blurred)]
+    steps = [np.square(np.diff(image[inside], axis=1)).sum() for image in (sharp, blurred)]
     assert steps[1] < 0.7 * steps[0]
 
 

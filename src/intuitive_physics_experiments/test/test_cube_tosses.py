@@ -195,9 +195,9 @@ def test_the_angle_of_a_turn_is_found(vector, axis, angle):
 @pytest.mark.parametrize("engine", ["stepped", "bullet"])
 def test_the_coefficients_that_made_the_tosses_are_found(toss_arrays, engine):
     tosses = cube_tosses(toss_arrays(8, engine, friction=0.2, restitution=0.3))
-    found = evaluate_tosses(tosses, [engine], learning(80), train_fraction=0.5)
-    assert (len(found.training), len(found.test)) == (4, 4)
-    fit = found.fits[engine]
+    evaluation = evaluate_tosses(tosses, [engine], learning(80), train_fraction=0.5)
+    assert (len(evaluation.training), len(evaluation.test)) == (4, 4)
+    fit = evaluation.fits[engine]
     pair = fit.search.parameters.pair("cube", "table")
     assert pair["static_friction"] == pair["dynamic_friction"]
     assert pair["static_friction"] == pytest.approx(0.2, abs=0.02)
@@ -205,8 +205,8 @@ def test_the_coefficients_that_made_the_tosses_are_found(toss_arrays, engine):
     assert fit.search.cost == pytest.approx(toss_cost(fit.fitted[0], 0.1), rel=1e-9)
     for part in range(2):
         fitted, default = fit.fitted[part].position.mean(), fit.default[part].position.mean()
-        assert fitted < 0.2 * default < default < found.free_flight[part].position.mean()
-    assert f"{engine}, fitted" in toss_table(found)
+        assert fitted < 0.2 * default < default < evaluation.free_flight[part].position.mean()
+    assert f"{engine}, fitted" in toss_table(evaluation)
 
 
 def test_mujoco_is_fitted_in_its_softness_too(toss_arrays):
@@ -261,18 +261,18 @@ def test_the_deviation_is_that_of_the_noise(toss_arrays):
 
 
 def noisy(toss: CubeToss, rng: np.random.Generator) -> CubeToss:
-    (seen,) = toss.observation.objects
-    path = seen.trajectory
+    (observed,) = toss.observation.objects
+    path = observed.trajectory
     moved = Trajectory(path.times, path.positions + rng.normal(0.0, 5e-4, path.positions.shape))
-    objects = (replace(seen, trajectory=moved),)
+    objects = (replace(observed, trajectory=moved),)
     return replace(toss, observation=replace(toss.observation, objects=objects))
 
 
 def test_tosses_that_tell_nothing_are_refused(toss_arrays):
     toss = cube_tosses(toss_arrays(1, "stepped"))[0]
-    (seen,) = toss.observation.objects
-    few = Trajectory(seen.trajectory.times[:5], seen.trajectory.positions[:5])
-    objects = (replace(seen, trajectory=few),)
+    (observed,) = toss.observation.objects
+    few = Trajectory(observed.trajectory.times[:5], observed.trajectory.positions[:5])
+    objects = (replace(observed, trajectory=few),)
     short = replace(
         toss,
         observation=replace(toss.observation, objects=objects),

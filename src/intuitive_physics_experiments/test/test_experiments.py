@@ -55,13 +55,13 @@ def test_a_cell_that_fails_leaves_what_was_finished(tmp_path):
 def test_cells_side_by_side_are_the_same(tmp_path):
     cells = {name: (lambda name=name: {"name": name, "of": os.getpid()}) for name in "abcdef"}
     steps: list[tuple[int, int, str]] = []
-    found = CellStore(tmp_path, {}, 2, lambda *step: steps.append(step)).run(cells)
-    assert list(found) == list(cells)
-    assert all(cell["name"] == name for name, cell in found.items())
-    assert os.getpid() not in {cell["of"] for cell in found.values()}
+    cells_made = CellStore(tmp_path, {}, 2, lambda *step: steps.append(step)).run(cells)
+    assert list(cells_made) == list(cells)
+    assert all(cell["name"] == name for name, cell in cells_made.items())
+    assert os.getpid() not in {cell["of"] for cell in cells_made.values()}
     assert [step[0] for step in steps] == [0, 1, 2, 3, 4, 5, 6, 6]
     again = CellStore(tmp_path, {}, 2).run(cells)
-    assert again == found
+    assert again == cells_made
 
 
 def test_a_cell_that_fails_beside_others_says_why(tmp_path):
@@ -202,8 +202,10 @@ def test_dataset_command_writes_what_learn_reads(tmp_path, capsys):
     assert "2 objects, 3 trajectories of each" in capsys.readouterr().out
     truth = json.loads((output / "ground_truth.json").read_text())
     files = sorted((output / "training").iterdir()) + sorted((output / "test").iterdir())
-    seen = [load_observation(path) for path in files]
-    assert {one.id for one in seen} == {run["observation"] for run in truth["runs"]}
+    observations = [load_observation(path) for path in files]
+    assert {observation.id for observation in observations} == {
+        run["observation"] for run in truth["runs"]
+    }
     with (output / "trajectories.csv").open() as file:
         points = list(csv.DictReader(file))
     assert len(points) == 2 * 3 * 151

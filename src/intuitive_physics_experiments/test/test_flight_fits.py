@@ -69,8 +69,10 @@ def test_squared_errors_have_the_mean_that_the_covariance_of_known_noise_says():
 def test_one_deviation_is_the_same_as_equal_covariances(seed, deviation):
     points = FLIGHT + deviation * np.random.default_rng(seed).standard_normal(FLIGHT.shape)
     alike = np.broadcast_to(deviation**2 * np.eye(3), (len(TIMES), 3, 3))
-    one, other = (fit_noisy_flight(TIMES, points, GRAVITY, noise) for noise in (deviation, alike))
-    for a, b in zip(one, other, strict=True):
+    by_deviation, by_covariance = (
+        fit_noisy_flight(TIMES, points, GRAVITY, noise) for noise in (deviation, alike)
+    )
+    for a, b in zip(by_deviation, by_covariance, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
     lengths = [flight_length(TIMES, points, GRAVITY, noise) for noise in (deviation, alike)]
     assert lengths[0] == lengths[1]
@@ -165,7 +167,7 @@ def test_without_air_both_fits_are_the_same(position, velocity):
     assert state.position == pytest.approx(plain.position, abs=1e-9)
     assert state.linear_velocity == pytest.approx(plain.linear_velocity, abs=1e-9)
     # One divides by n - 2 and the other, which fits a spin too, by n - 3.
-    deviations = [np.diag(one.covariance)[:9] for one in (state, plain)]
+    deviations = [np.diag(state_fitted.covariance)[:9] for state_fitted in (state, plain)]
     assert deviations[0] == pytest.approx(deviations[1], rel=0.05)
 
 

@@ -34,8 +34,8 @@ def launch(rng: np.random.Generator) -> Observation:
     ).positions[0, 0]
     positions += rng.normal(0.0, 1e-3, positions.shape)
     fitted = fit_initial_state(times[:40], positions[:40], TABLE.gravity)
-    seen = ObservedObject(BALL, Trajectory(times, positions), fitted)
-    return Observation(TABLE, (seen,), 0.0)
+    observed = ObservedObject(BALL, Trajectory(times, positions), fitted)
+    return Observation(TABLE, (observed,), 0.0)
 
 
 def known_parameters() -> UncertainParameters:
@@ -47,15 +47,15 @@ def known_parameters() -> UncertainParameters:
 def test_the_predicted_spread_is_the_one_that_occurs():
     rng = np.random.default_rng(0)
     launches = [launch(rng) for _ in range(80)]
-    found = launch_spread(
+    spread = launch_spread(
         launches[:40], launches[40:], known_parameters(), seed=1, simulator=ENGINE
     )
     # Both are known from 40 launches, to 1 / sqrt(80) = 11 % each: within 4 of √2 · 11 %.
-    np.testing.assert_allclose(found.predicted, found.seen, rtol=0.6)
-    assert (np.abs(np.log(found.predicted / found.seen)) < 0.2).sum() >= 3
-    assert (np.abs(found.offset) < 4 * found.seen * np.sqrt(2 / 40)).all()
-    np.testing.assert_array_equal(found.launches, 40)
-    assert all(name in found.to_markdown() for name in QUANTITIES)
+    np.testing.assert_allclose(spread.predicted, spread.seen, rtol=0.6)
+    assert (np.abs(np.log(spread.predicted / spread.seen)) < 0.2).sum() >= 3
+    assert (np.abs(spread.offset) < 4 * spread.seen * np.sqrt(2 / 40)).all()
+    np.testing.assert_array_equal(spread.launches, 40)
+    assert all(name in spread.to_markdown() for name in QUANTITIES)
 
 
 def test_too_few_launches_are_refused():

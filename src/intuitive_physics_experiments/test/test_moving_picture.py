@@ -37,13 +37,13 @@ def pictures(tmp_path):
     predictions = [PredictedPaths(made, times[9:] - made, paths)]
     file = tmp_path / "throw.gif"
     write_moving_picture(file, frames, perceived, Trajectory(times, places), 0.05, predictions)
-    found = []
+    pictures_read = []
     with Image.open(file) as animated:
         assert animated.info["loop"] == 0
         for number in range(animated.n_frames):
             animated.seek(number)
-            found.append(np.asarray(animated.convert("RGB")))
-    return found
+            pictures_read.append(np.asarray(animated.convert("RGB")))
+    return pictures_read
 
 
 def count(picture: np.ndarray, color: str) -> int:
@@ -58,10 +58,10 @@ def test_it_has_the_frames_of_the_throw_and_one_before(pictures):
 
 def test_what_was_seen_and_predicted_is_drawn_from_its_time_on(pictures):
     first = len(pictures) - 19
-    seen = [count(picture, OBSERVED) for picture in pictures]
+    observed = [count(picture, OBSERVED) for picture in pictures]
     ahead = [count(picture, PREDICTED) for picture in pictures]
-    assert max(seen[:first]) == 0 < min(seen[first:])
-    assert seen[-1] > 5 * seen[first]
+    assert max(observed[:first]) == 0 < min(observed[first:])
+    assert observed[-1] > 5 * observed[first]
     assert max(ahead[: first + 9]) == 0 < min(ahead[first + 9 : -2])
     # The way that is ahead becomes shorter.
     assert ahead[first + 9] > 2 * ahead[-4]

@@ -67,9 +67,9 @@ def test_pairs_have_coefficients_of_their_own():
         "ice", "floor", static_friction=0.05, dynamic_friction=0.05
     )
     scene = Scene(FLOOR, (ice, felt), tuple(starts))
-    (one, two) = MujocoSimulator().rollout([scene], slippery, [0.5]).positions[0, :, 0, 0]
-    assert one == pytest.approx(2.0 * 0.5 - 0.5 * 0.05 * G * 0.25, rel=0.02)
-    assert two == pytest.approx(4.0 / (2.0 * 0.4 * G), rel=0.03)
+    (ice_way, felt_way) = MujocoSimulator().rollout([scene], slippery, [0.5]).positions[0, :, 0, 0]
+    assert ice_way == pytest.approx(2.0 * 0.5 - 0.5 * 0.05 * G * 0.25, rel=0.02)
+    assert felt_way == pytest.approx(4.0 / (2.0 * 0.4 * G), rel=0.03)
 
 
 def test_a_batch_equals_its_members():

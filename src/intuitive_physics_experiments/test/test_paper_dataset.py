@@ -101,9 +101,9 @@ def test_points_are_noisy_and_the_truth_explains_them(dataset):
     runs = [*dataset.training, *dataset.test]
     noise = np.concatenate(
         [
-            (seen.trajectory.positions - truth).ravel()
+            (observed.trajectory.positions - truth).ravel()
             for run in runs
-            for seen, truth in zip(run.observation.objects, run.positions, strict=True)
+            for observed, truth in zip(run.observation.objects, run.positions, strict=True)
         ]
     )
     assert noise.std() == pytest.approx(POSITION_NOISE, rel=0.02)
@@ -121,10 +121,10 @@ def test_initial_states_are_off_as_far_as_they_say(dataset, source):
     inside = np.r_[POSITION, LINEAR_VELOCITY]
     squares = []
     for run in runs:
-        for seen, truth in zip(
+        for observed, truth in zip(
             run.with_initial_states(source).observation.objects, run.scene.states, strict=True
         ):
-            state = seen.initial_state
+            state = observed.initial_state
             error = np.append(
                 state.position - truth.position, state.linear_velocity - truth.linear_velocity
             )
@@ -137,9 +137,9 @@ def test_initial_states_are_off_as_far_as_they_say(dataset, source):
 def test_more_points_know_the_velocity_better(dataset):
     def error(source: str) -> float:
         pairs = [
-            (seen.initial_state.linear_velocity, truth.linear_velocity)
+            (observed.initial_state.linear_velocity, truth.linear_velocity)
             for run in dataset.with_initial_states(source).training
-            for seen, truth in zip(run.observation.objects, run.scene.states, strict=True)
+            for observed, truth in zip(run.observation.objects, run.scene.states, strict=True)
         ]
         return float(np.median([np.linalg.norm(a - b) for a, b in pairs]))
 

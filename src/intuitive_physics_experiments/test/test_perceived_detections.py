@@ -35,8 +35,12 @@ class Perceived:
 
     @property
     def tracks(self) -> list[Detections]:
-        found = [seen.detections for one in self.observations for seen in one.objects]
-        return [detections for detections in found if detections is not None]
+        detections_of_all = [
+            observed.detections
+            for observation in self.observations
+            for observed in observation.objects
+        ]
+        return [detections for detections in detections_of_all if detections is not None]
 
 
 def perceive(bag: Path, seed: int, first: int = 0, dropped: float = 0.0) -> Perceived:
@@ -75,12 +79,12 @@ def errors(bag, perceived):
     """Errors (n, 3) in m of the detections of each track, in the environment's frame."""
     truth, model = GroundTruth.load(bag), perceived.model
 
-    found = []
+    all_errors = []
     for throw, track in zip(truth.throws, perceived.tracks, strict=True):
         since = np.clip(track.times - 1e-9 * truth.start_time, throw.start_time, throw.end_time)
-        seen = (throw.positions_at(since) - truth.camera.position) @ truth.camera.rotation
-        found.append(track.positions - model.to_environment(seen))
-    return found
+        true_positions = (throw.positions_at(since) - truth.camera.position) @ truth.camera.rotation
+        all_errors.append(track.positions - model.to_environment(true_positions))
+    return all_errors
 
 
 def mean_squares(off: NDArray[np.float64], covariances: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -90,12 +94,12 @@ def mean_squares(off: NDArray[np.float64], covariances: NDArray[np.float64]) -> 
 
 def test_every_throw_has_its_detections(perceived):
     assert len(perceived.tracks) == THROWS
-    for one in perceived.observations:
-        for seen in one.objects:
-            assert seen.detections is not None
-            assert len(seen.detections) >= 20
-            assert set(seen.detections.times) <= set(seen.trajectory.times)
-            assert seen.detections.times[0] >= one.start_time
+    for observation in perceived.observations:
+        for observed in observation.objects:
+            assert observed.detections is not None
+            assert len(observed.detections) >= 20
+            assert set(observed.detections.times) <= set(observed.trajectory.times)
+            assert observed.detections.times[0] >= observation.start_time
 
 
 def test_errors_of_their_own_are_as_large_as_the_covariances_say(perceived, errors):
@@ -109,7 +113,7 @@ def test_errors_of_their_own_are_as_large_as_the_covariances_say(perceived, erro
         for track, off in zip(perceived.tracks, errors, strict=True)
     ]
     assert 0.75 < np.concatenate(squares).mean() < 1.5
-    assert all(0.6 < own.mean() < 1.9 for own in squares)
+    assert all(0.6 < track_squares.mean() < 1.9 for track_squares in squares)
 
 
 def test_the_common_error_is_within_the_bias(bag, perceived, errors):
@@ -139,8 +143,8 @@ def test_errors_of_successive_frames_are_independent(perceived, errors):
         np.linalg.solve(np.linalg.cholesky(t.covariances), (off - off.mean(axis=0))[:, :, None])
         for t, off in zip(perceived.tracks, errors, strict=True)
     ]
-    products = np.concatenate([(one[1:] * one[:-1]).ravel() for one in scaled])
-    squares = np.concatenate([np.square(one).ravel() for one in scaled])
+    products = np.concatenate([(track[1:] * track[:-1]).ravel() for track in scaled])
+    squares = np.concatenate([np.square(track).ravel() for track in scaled])
     assert abs(products.mean() / squares.mean()) < 3.0 / np.sqrt(products.size) + 0.05
 
 
@@ -148,8 +152,8 @@ def test_a_bag_that_is_played_again_adds_no_motion(bag, perceived):
     """Other random choices, a later first frame and dropped frames: each throw is recognised."""
     again = perceive(bag, seed=1, first=3, dropped=0.25)
     assert len(again.observations) == THROWS
-    for i, seen in enumerate(again.observations):
-        assert [seen.same_motion(one) for one in perceived.observations] == [
+    for i, observation in enumerate(again.observations):
+        assert [observation.same_motion(first) for first in perceived.observations] == [
             k == i for k in range(THROWS)
         ]
     exactly = perceive(bag, seed=0)

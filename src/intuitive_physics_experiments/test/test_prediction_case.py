@@ -28,11 +28,11 @@ def test_the_truth_predicts_what_was_seen():
 
 def test_objects_seen_at_times_of_their_own_keep_them():
     made = make_paper_dataset(4, 4, np.random.default_rng(1)).with_initial_states("true")
-    seen = next(one for one in made.observations if len(one.objects) > 1)
-    first, second, *_ = seen.objects
+    several = next(one for one in made.observations if len(one.objects) > 1)
+    first, second, *_ = several.objects
     thinned = Trajectory(second.trajectory.times[::3], second.trajectory.positions[::3])
     both = replace(
-        seen, objects=(first, ObservedObject(second.object, thinned, second.initial_state))
+        several, objects=(first, ObservedObject(second.object, thinned, second.initial_state))
     )
     (_, case) = predict_cases(
         [both], made.parameters, make_simulator("auto"), np.random.default_rng(0), 2

@@ -47,8 +47,10 @@ def test_launches_become_observations(tmp_path, launch_arrays):
 
 def test_balls_in_air_say_so(tmp_path, launch_arrays):
     np.savez(tmp_path / "set.npz", **launch_arrays(1))
-    _, (seen,) = load_table_tennis(tmp_path / "set.npz", AirCoefficients(drag=0.4, magnus=1.0))
-    ball = seen.objects[0].object
+    _, (observation,) = load_table_tennis(
+        tmp_path / "set.npz", AirCoefficients(drag=0.4, magnus=1.0)
+    )
+    ball = observation.objects[0].object
     assert (ball.drag_coefficient, ball.magnus_coefficient) == (0.4, 1.0)
     assert ball.shape.mass(ball_parameters().density[0]) == pytest.approx(BALL_MASS)
     with pytest.raises(InvalidInputError, match="drag coefficient"):
@@ -190,7 +192,7 @@ def test_air_explains_the_recorded_flights(recording, name, load, share):
     arrays = load_arrays(recording(f"{name}.npz"))
     spreads = []
     for air in (AirCoefficients(), AirCoefficients(drag=0.4, magnus=1.0)):
-        states = [seen.objects[0].initial_state for seen in load(arrays, air)]
+        states = [observation.objects[0].initial_state for observation in load(arrays, air)]
         along = slice(6, 9)
         spreads.append(
             np.median([np.sqrt(np.trace(state.covariance[along, along])) for state in states])
@@ -202,7 +204,7 @@ def test_air_explains_the_recorded_flights(recording, name, load, share):
 def test_the_gun_gives_its_balls_topspin(recording):
     arrays = load_arrays(recording("table_tennis_gun.npz"))
     observations = gun_observations(arrays, AirCoefficients(drag=0.4, magnus=1.0))
-    states = [seen.objects[0].initial_state for seen in observations]
+    states = [observation.objects[0].initial_state for observation in observations]
     # Topspin: ω along up × v, which pushes the ball down.
     directions = np.cross([0.0, 0.0, 1.0], [state.linear_velocity for state in states])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -220,13 +222,14 @@ def test_recorded_launches_fly_as_balls_do(recording):
     _, observations = load_recorded_set(recording("table_tennis_launches.npz"))
     assert len(observations) == 32
     speeds = [
-        np.linalg.norm(seen.objects[0].initial_state.linear_velocity) for seen in observations
+        np.linalg.norm(observation.objects[0].initial_state.linear_velocity)
+        for observation in observations
     ]
     # One launcher at one setting.
     assert np.std(speeds) < 0.05 * np.mean(speeds)
-    for seen in observations:
-        heights = seen.objects[0].trajectory.positions[:, 2]
-        gap = heights.min() - seen.environment.planes[0].offset
+    for observation in observations:
+        heights = observation.objects[0].trajectory.positions[:, 2]
+        gap = heights.min() - observation.environment.planes[0].offset
         assert 0.015 < gap < 0.045  # lowest sample near the bounce
 
 
@@ -237,8 +240,8 @@ def test_recovered_times_of_the_gun_make_balls_fall_as_they_do(recording):
     _, observations = load_recorded_set(recording("table_tennis_gun.npz"))
     assert len(observations) == 106
     falls = []
-    for seen in observations:
-        trajectory = seen.objects[0].trajectory
+    for observation in observations:
+        trajectory = observation.objects[0].trajectory
         times, heights = trajectory.times, trajectory.positions[:, 2]
         top = np.argmax(heights)
         near = np.abs(times - times[top]) < 0.2

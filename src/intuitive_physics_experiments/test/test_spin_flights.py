@@ -145,9 +145,9 @@ def estimates(rng: np.random.Generator, count: int) -> list[tuple[np.ndarray, Ba
 
 
 def test_a_known_spin_is_recovered_within_its_covariance():
-    found = estimates(np.random.default_rng(2), 12)
+    estimated = estimates(np.random.default_rng(2), 12)
     squares, errors = [], []
-    for ball, estimate in found:
+    for ball, estimate in estimated:
         apart = estimate.spin - ball[6:9]
         squares.append(apart @ np.linalg.solve(estimate.spin_covariance, apart))
         errors.append(np.linalg.norm(apart) / np.linalg.norm(ball[6:9]))
@@ -161,9 +161,9 @@ def test_rows_that_are_no_ball_do_no_harm():
     rng = np.random.default_rng(4)
     times = np.arange(50) * FRAME
     ball = thrown(rng)
-    seen = flown(ball, times, rng)
-    seen[[12, 25, 44]] += [0.05, -0.03, 0.08]
-    estimate = estimate_ball(MODEL, START, times, seen)
+    detected = flown(ball, times, rng)
+    detected[[12, 25, 44]] += [0.05, -0.03, 0.08]
+    estimate = estimate_ball(MODEL, START, times, detected)
     ahead = times[-1] + np.array([0.05, 0.1])
     error = estimate.predict(MODEL, ahead) - MODEL.positions(ball[None], ahead)[0]
     assert np.linalg.norm(error, axis=1).max() < 0.02
@@ -178,7 +178,7 @@ def test_a_spin_that_the_air_does_not_tell_stays_wide():
     before = estimate_ball(MODEL, START, *rows(ball, 25, rng))
     through = estimate_ball(MODEL, START, *rows(ball, 60, rng))
     level = flight_axes(ball[3:6])[0]
-    spread = [np.sqrt(level @ one.spin_covariance @ level) for one in (before, through)]
+    spread = [np.sqrt(level @ estimate.spin_covariance @ level) for estimate in (before, through)]
     assert spread[0] > 40.0
     assert spread[1] < 0.5 * spread[0]
 

@@ -90,8 +90,8 @@ def look(
     rng: np.random.Generator,
 ) -> None:
     """Show a ball as it is detected, with errors of its centre and radius."""
-    own, rays = renderer.camera, renderer.camera.rays()
-    center = own.to_optical(ball.center)
+    camera_seen, rays = renderer.camera, renderer.camera.rays()
+    center = camera_seen.to_optical(ball.center)
     depth, _ = cast_sphere(rays, center, ball.radius)
     points = (rays * np.where(depth > 0.0, depth, 3.0)[..., None]).astype(np.float32)
     radius_error = RADIUS_ERROR * ball.radius
@@ -105,7 +105,7 @@ def look(
     pixels = np.flatnonzero(depth.ravel() > 0.0)
     image = sphere_image(detected, pixels, points, camera.read([ball]))
     if image is not None:
-        surface.take(time, image.moved(own.rotation))
+        surface.take(time, image.moved(camera_seen.rotation))
 
 
 # A logo is on one side only, which a ball may not show, or may show too seldom. At 40 rad/s on each
@@ -130,15 +130,17 @@ SEEDS = 9
 def test_spins_are_found_within_their_covariance(renderer):
     distances: list[float] = []
     for (pattern, deviation), least in KNOWN.items():
-        seen = [
+        throws = [
             thrown(renderer, pattern, deviation, seed, RoomLight(gloss=0.1))
             for seed in range(SEEDS)
         ]
         # What turns by more than half a turn from frame to frame looks like something else.
         slow = [
-            one for one in seen if np.linalg.norm(one.truth) < (2 * np.pi - LARGEST_TURN) * RATE
+            throw
+            for throw in throws
+            if np.linalg.norm(throw.truth) < (2 * np.pi - LARGEST_TURN) * RATE
         ]
-        known = [one.distance for one in slow if one.found[-1] is not None]
+        known = [throw.distance for throw in slow if throw.found[-1] is not None]
         assert len(known) >= least * SEEDS, (pattern, deviation)
         distances += known
     within = np.mean(np.array(distances) < WITHIN_TWO_SIGMA)
@@ -157,8 +159,8 @@ def test_plain_balls_are_never_known(renderer):
             diffuse=rng.uniform(0.4, 0.9),
             gloss=(0.0, 0.3)[seed % 2],
         )
-        seen = thrown(renderer, "plain", (2.0, 10.0, 40.0)[seed % 3], seed, light)
-        assert seen.found == [None] * FRAMES
+        throw = thrown(renderer, "plain", (2.0, 10.0, 40.0)[seed % 3], seed, light)
+        assert throw.found == [None] * FRAMES
 
 
 def states_of_a_throw(pattern: str, settings: PerceptionSettings, duration: float = 0.9):
@@ -186,16 +188,16 @@ def states_of_a_throw(pattern: str, settings: PerceptionSettings, duration: floa
     for k in range(int(duration * RATE)):
         ball = throw.colored_at(k / RATE, BallSurface(pattern))
         result = pipeline.process(images.points([ball]), k / RATE, images.colors([ball]))
-        for seen in result.objects:
+        for observed in result.objects:
             turn = result.model.rotation @ camera.rotation.T
             bounced = not np.allclose(ball.angular_velocity, first, atol=1e-3)
-            yield turn @ first, seen.state, seen.detection, bounced
+            yield turn @ first, observed.state, observed.detection, bounced
 
 
 def test_states_have_the_spin_until_a_bounce():
     settings = PerceptionSettings()
     states = list(states_of_a_throw("dots", settings))
-    flown = [one for one in states if not one[-1]]
+    flown = [state for state in states if not state[-1]]
     truth, state, detections, _ = flown[-2]
     error, covariance = (
         state.angular_velocity - truth,
@@ -205,14 +207,14 @@ def test_states_have_the_spin_until_a_bounce():
     assert np.sqrt(np.trace(covariance) / 3.0) < 0.1 * guess
     assert error @ np.linalg.solve(covariance, error) < 16.0
     # The state is the product of the guess and of what the detection says was seen.
-    seen = detections.spin
-    information = np.linalg.inv(seen.covariance)
+    spin = detections.spin
+    information = np.linalg.inv(spin.covariance)
     assert np.linalg.inv(covariance) == pytest.approx(information + np.eye(3) / guess**2)
     assert np.linalg.solve(covariance, state.angular_velocity) == pytest.approx(
-        information @ seen.mean
+        information @ spin.mean
     )
-    assert 0.0 <= seen.since < detections.times[0]
-    _, after, detections, _ = next(one for one in states if one[-1])
+    assert 0.0 <= spin.since < detections.times[0]
+    _, after, detections, _ = next(state for state in states if state[-1])
     assert after.covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] == pytest.approx(
         guess**2 * np.eye(3)
     )

@@ -53,13 +53,13 @@ def arrays():
 
 def test_drag_is_found_from_flight(arrays):
     # 1 mm over 0.7 s of flight at 4 m/s, where drag moves the ball by 10 cm, tells 1 %.
-    found = learn_drag(lambda air: launch_observations(arrays, air), 0.0, 0.75, seed=0)
-    assert found == pytest.approx(DRAG, abs=0.02)
+    drag = learn_drag(lambda air: launch_observations(arrays, air), 0.0, 0.75, seed=0)
+    assert drag == pytest.approx(DRAG, abs=0.02)
 
 
 def test_the_look_ahead_is_as_long_as_was_seen(arrays):
-    seen = launch_observations(arrays, AirCoefficients(DRAG))
-    ahead = look_ahead(seen, TRUE, ball_parameters())
+    observations = launch_observations(arrays, AirCoefficients(DRAG))
+    ahead = look_ahead(observations, TRUE, ball_parameters())
     assert ahead is not None
     assert ahead.ahead == pytest.approx(1.0)
     learned, default, flight = (
@@ -76,6 +76,6 @@ def test_balls_that_bounce_at_once_are_not_looked_at(launch_arrays):
     arrays = launch_arrays(2)
     late = {**arrays, "offsets": np.array([0, 160])}
     late["time"], late["position"] = arrays["time"][:160], arrays["position"][:160]
-    (seen,) = launch_observations(late)
-    assert look_ahead([seen], TRUE, TRUE) is not None
+    (observation,) = launch_observations(late)
+    assert look_ahead([observation], TRUE, TRUE) is not None
     assert look_ahead([], TRUE, TRUE) is None

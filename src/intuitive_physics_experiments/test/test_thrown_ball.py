@@ -92,8 +92,8 @@ def test_restitution_seems_larger_by_what_a_step_of_gravity_adds(
     # (1 + 2 e - 1/e) g h / 2 u, to first order in g h / u.
     order = G * fidelity.step / speed
     expected = 0.5 * (1.0 + 2.0 * restitution - 1.0 / restitution) * order
-    found = dropped_restitution(restitution, speed, fidelity, drops) - restitution
-    assert found == pytest.approx(expected, abs=0.05 * order)
+    excess = dropped_restitution(restitution, speed, fidelity, drops) - restitution
+    assert excess == pytest.approx(expected, abs=0.05 * order)
 
 
 @pytest.mark.parametrize(
@@ -174,8 +174,8 @@ def test_by_the_contact_laws_both_engines_move_a_ball_alike():
         restitution=e,
     )
     scene = Scene(room, (SceneObject("ball", "ball", Sphere(R)),), (start,))
-    found = make_simulator("event_driven").rollout([scene], parameters, motion.times[1:])
-    apart = found.positions[0].reshape(-1, 3) - motion.positions[1:]
+    rollout = make_simulator("event_driven").rollout([scene], parameters, motion.times[1:])
+    apart = rollout.positions[0].reshape(-1, 3) - motion.positions[1:]
     assert np.abs(apart).max() < 1e-3
 
 

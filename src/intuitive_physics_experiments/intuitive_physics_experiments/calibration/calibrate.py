@@ -60,7 +60,7 @@ class Scores:
     def pooled(parts: Sequence[Scores]) -> Scores:
         """Return those of all trajectories of several sets, at least one."""
         names = [field.name for field in fields(Scores)]
-        return Scores(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
+        return Scores(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 def score(outcomes: Sequence[Outcome], prediction: Prediction, seed: int) -> Scores:
@@ -145,13 +145,13 @@ def fitted_fixed_noise(
         scores = weighted_energy_scores(outcomes, way(np.exp(logarithm)), weights, seed)
         return float(np.nanmean(scores / reference))
 
-    found = minimize_scalar(
+    fit = minimize_scalar(
         relative_score,
         bounds=(np.log(0.1 * FIXED_NOISE), np.log(LARGEST_FIXED_NOISE)),
         method="bounded",
         options={"maxiter": evaluations},
     )
-    return float(np.exp(found.x))
+    return float(np.exp(fit.x))
 
 
 def single_rollout(learned: LearnedParameters, simulator: Simulator) -> Prediction:
@@ -292,8 +292,8 @@ def ideal_energy_scores(
         predict_outcomes(outcomes, prediction, seed),
         strict=True,
     ):
-        seen = np.where(np.isnan(outcome.positions), np.nan, happened[:IDEAL_DRAWS])
-        rows.append(np.mean([energy_scores(samples, positions) for positions in seen], axis=0))
+        drawn = np.where(np.isnan(outcome.positions), np.nan, happened[:IDEAL_DRAWS])
+        rows.append(np.mean([energy_scores(samples, positions) for positions in drawn], axis=0))
     return np.concatenate(rows)
 
 

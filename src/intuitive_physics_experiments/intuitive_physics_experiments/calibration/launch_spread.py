@@ -97,17 +97,19 @@ def launch_spread(
     ).positions[:, 0]
     radius = scene.objects[0].shape.bounding_radius
     predicted = np.array([_quantities(times, x, scene.environment, radius) for x in flights])
-    tracks = [seen.objects[0].trajectory for seen in others]
-    seen = np.array([_quantities(t.times, t.positions, scene.environment, radius) for t in tracks])
-    count = (~np.isnan(seen)).sum(axis=0)
-    deviation = np.nanstd(seen, axis=0, ddof=1)
+    tracks = [launch.objects[0].trajectory for launch in others]
+    observed = np.array(
+        [_quantities(t.times, t.positions, scene.environment, radius) for t in tracks]
+    )
+    count = (~np.isnan(observed)).sum(axis=0)
+    deviation = np.nanstd(observed, axis=0, ddof=1)
     freedom = count - 1
     return LaunchSpread(
         np.nanstd(predicted, axis=0),
         deviation,
         deviation * np.sqrt(freedom / chi2.ppf(0.975, freedom)),
         deviation * np.sqrt(freedom / chi2.ppf(0.025, freedom)),
-        np.nanmean(predicted, axis=0) - np.nanmean(seen, axis=0),
+        np.nanmean(predicted, axis=0) - np.nanmean(observed, axis=0),
         count,
     )
 
@@ -116,7 +118,7 @@ def _launch_state(
     launches: Sequence[Observation], parameters: StaticParameters, simulator: Simulator
 ) -> ObjectState:
     """Mean and covariance of the states in which launches pass `START_X`."""
-    states = np.array([_state_at_start(seen, parameters, simulator) for seen in launches])
+    states = np.array([_state_at_start(launch, parameters, simulator) for launch in launches])
     mean = states.mean(axis=0)
     # The next launch is about the mean of n launches, which itself is uncertain.
     spread = np.cov(states.T) * (1.0 + 1.0 / len(states))
@@ -124,15 +126,15 @@ def _launch_state(
 
 
 def _state_at_start(
-    seen: Observation, parameters: StaticParameters, simulator: Simulator
+    launch: Observation, parameters: StaticParameters, simulator: Simulator
 ) -> NDArray[np.float64]:
     """Position and velocity, (6,), with which a launch passes `START_X` from its initial state."""
     times = np.arange(0.0, LONGEST_WAY, STEP)
-    flight = simulator.rollout([seen.scene()], parameters, times, orientations=False)
+    flight = simulator.rollout([launch.scene()], parameters, times, orientations=False)
     path = flight.positions[0, 0]
     if path[0, 0] >= START_X or path[-2, 0] < START_X:
         raise InvalidInputError(
-            f"launch {seen.id} goes from x = {path[0, 0]:.3f} to {path[-1, 0]:.3f} m in "
+            f"launch {launch.id} goes from x = {path[0, 0]:.3f} to {path[-1, 0]:.3f} m in "
             f"{LONGEST_WAY} s; expected it to pass {START_X} m"
         )
     velocity = np.gradient(path, STEP, axis=0)

@@ -37,8 +37,8 @@ from intuitive_physics_predictor.scores.outcomes import Outcome
 
 WINDOW = 7  # Points of a stretch that a parabola is laid through to see the noise
 
-# m on each axis. By so much a camera errs alike from frame to frame, which no parabola shows, where
-# no detections say how much: rendered ones, of which the truth is known, by 0.6 to 1.4 mm.
+# m on each axis: the error that is the same in all frames, which no parabola shows, of a camera whose
+# detections do not state it. Of rendered cameras, whose truth is known, it is 0.6 to 1.4 mm.
 SYSTEMATIC = 1e-3
 
 SAME_TIME = 1e-3  # s between points of two objects that count as seen at once
@@ -60,8 +60,8 @@ def observed_outcomes(
     outcome is not known. `densities` are kg/m³ by material, of objects that air acts on.
     """
     return [
-        _outcome(detected(seen), points, np.array(horizons), densities or {})
-        for seen in observations
+        _outcome(detected(observation), points, np.array(horizons), densities or {})
+        for observation in observations
     ]
 
 
@@ -103,7 +103,7 @@ def position_noise(trajectory: Trajectory, covariances: NDArray[np.float64] | No
     whitening = np.broadcast_to(np.eye(3), (len(times), 3, 3))
     if covariances is not None:
         whitening = np.linalg.inv(np.linalg.cholesky(covariances))
-    seen = np.einsum("nij,nj->ni", whitening, positions)
+    whitened = np.einsum("nij,nj->ni", whitening, positions)
     freedom = 3 * (WINDOW - 3)
     squares = []
     for first in range(len(times) - WINDOW + 1):
@@ -111,7 +111,7 @@ def position_noise(trajectory: Trajectory, covariances: NDArray[np.float64] | No
         since = times[rows] - times[first]
         # A parabola of each axis, whitened as the points are.
         design = np.einsum("nij,nk->nikj", whitening[rows], np.vander(since / since[-1], 3))
-        _, residuals, *_ = np.linalg.lstsq(design.reshape(3 * WINDOW, 9), seen[rows].ravel())
+        _, residuals, *_ = np.linalg.lstsq(design.reshape(3 * WINDOW, 9), whitened[rows].ravel())
         squares.append(residuals.sum())
     variance = np.quantile(squares, SURELY_FREE) / chi2.ppf(SURELY_FREE, freedom)
     free = [square for square in squares if square <= variance * chi2.ppf(BY_CHANCE, freedom)]
@@ -119,37 +119,41 @@ def position_noise(trajectory: Trajectory, covariances: NDArray[np.float64] | No
 
 
 def _outcome(
-    seen: Observation,
+    observation: Observation,
     points: int,
     horizons: NDArray[np.float64],
     densities: Mapping[str, float],
 ) -> Outcome:
-    start = max(float(observed_object.trajectory.times[0]) for observed_object in seen.objects)
-    noises = [point_noise(observed_object) for observed_object in seen.objects]
-    states, clock = [], seen.objects[0].trajectory.times - start
-    for observed_object, noise in zip(seen.objects, noises, strict=True):
+    start = max(
+        float(observed_object.trajectory.times[0]) for observed_object in observation.objects
+    )
+    noises = [point_noise(observed_object) for observed_object in observation.objects]
+    states, clock = [], observation.objects[0].trajectory.times - start
+    for observed_object, noise in zip(observation.objects, noises, strict=True):
         if len(observed_object.trajectory) < points:
             raise InvalidInputError(
-                f"object {observed_object.object.id} of observation {seen.id} was seen "
+                f"object {observed_object.object.id} of observation {observation.id} was seen "
                 f"{len(observed_object.trajectory)} times; expected at least {points}"
             )
         states.append(
-            _initial_state(observed_object, start, points, noise, seen.environment, densities)
+            _initial_state(
+                observed_object, start, points, noise, observation.environment, densities
+            )
         )
     last = float(clock[min(int(np.searchsorted(clock, 0.0)) + points, len(clock)) - 1])
     frame = float(np.median(np.diff(clock)))
     nearest = np.abs(clock[:, None] - (last + horizons)).argmin(axis=0)
     near = np.abs(clock[nearest] - (last + horizons)) <= frame
     times = np.where(near, clock[nearest], last + horizons)
-    positions = np.full((len(seen.objects), len(times), 3), np.nan)
+    positions = np.full((len(observation.objects), len(times), 3), np.nan)
     covariances = np.zeros((*positions.shape, 3))
-    for k, (observed_object, noise) in enumerate(zip(seen.objects, noises, strict=True)):
-        own = observed_object.trajectory.times - start
-        at = np.abs(own[:, None] - times).argmin(axis=0)
-        close = np.abs(own[at] - times) <= SAME_TIME
+    for k, (observed_object, noise) in enumerate(zip(observation.objects, noises, strict=True)):
+        clock_times = observed_object.trajectory.times - start
+        at = np.abs(clock_times[:, None] - times).argmin(axis=0)
+        close = np.abs(clock_times[at] - times) <= SAME_TIME
         positions[k, close] = observed_object.trajectory.positions[at[close]]
         covariances[k, close] = noise.covariances[at[close]] + noise.shared
-    scene = Scene(seen.environment, seen.scene().objects, tuple(states))
+    scene = Scene(observation.environment, observation.scene().objects, tuple(states))
     return Outcome(scene, times, positions, covariances)
 
 
@@ -176,10 +180,10 @@ def _initial_state(
         position, velocity = fitted.position, fitted.linear_velocity
         covariance = fitted.covariance.copy()
     else:
-        own = noise.covariances[rows]
-        free = flight_length(times, positions, gravity, own)
+        covariances = noise.covariances[rows]
+        free = flight_length(times, positions, gravity, covariances)
         position, velocity, covariance = fit_noisy_flight(
-            times[:free], positions[:free], gravity, own[:free]
+            times[:free], positions[:free], gravity, covariances[:free]
         )
     for part in (ROTATION, ANGULAR_VELOCITY):
         covariance[part, part] = known.covariance[part, part]
@@ -221,8 +225,16 @@ def splits_of(
     )
     return [
         (
-            [seen for seen, own in zip(observations, part, strict=True) if own != number],
-            [seen for seen, own in zip(observations, part, strict=True) if own == number],
+            [
+                observation
+                for observation, its_part in zip(observations, part, strict=True)
+                if its_part != number
+            ],
+            [
+                observation
+                for observation, its_part in zip(observations, part, strict=True)
+                if its_part == number
+            ],
         )
         for number in range(count)
     ]
@@ -255,12 +267,12 @@ def calibrate_on_observations(
     """
     parts = splits_of(observations, options.splits, options.seed)
     if options.cores == 1 or len(parts) == 1:
-        found = [_calibrated(*part, options, start, on_progress) for part in parts]
+        results = [_calibrated(*part, options, start, on_progress) for part in parts]
     else:
         with ProcessPoolExecutor(options.cores, get_context("spawn")) as pool:
             jobs = [pool.submit(_calibrated, *part, options, start) for part in parts]
-            found = [job.result() for job in jobs]
-    calibrations, versions = zip(*found, strict=True)
+            results = [job.result() for job in jobs]
+    calibrations, versions = zip(*results, strict=True)
     notes: tuple[str, ...] = ()
     if same_settings:
         spread = launch_spread(
@@ -302,7 +314,7 @@ def _calibrated(
     """Calibrate on one split; also return θ_s as learned from its past."""
     learned = _learned(past, options, start, on_progress)
     densities = dict(zip(learned.materials, learned.parameters.density.tolist(), strict=True))
-    found = calibrate(
+    calibration = calibrate(
         observed_outcomes(past, options.points, options.horizons, densities),
         observed_outcomes(held_out, options.points, options.horizons, densities),
         learned,
@@ -312,7 +324,7 @@ def _calibrated(
         seed=options.seed,
         simulator=make_simulator(options.engine),
     )
-    return found, learned
+    return calibration, learned
 
 
 def fitted_scales(observations: Sequence[Observation]) -> tuple[str, ...]:
@@ -321,5 +333,7 @@ def fitted_scales(observations: Sequence[Observation]) -> tuple[str, ...]:
     Nobody sees the spin of a ball. Where every object has detections, the covariances of initial
     states follow from theirs, and a scale of them could only be chance.
     """
-    stated = all(each.detections is not None for seen in observations for each in seen.objects)
+    stated = all(
+        each.detections is not None for observation in observations for each in observation.objects
+    )
     return ("spin", *(name for name in FITTED_SCALES if not (stated and name == "state")))

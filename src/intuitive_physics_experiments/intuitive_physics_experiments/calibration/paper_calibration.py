@@ -51,8 +51,8 @@ def with_first_points(observation: Observation, points: int, noise: float) -> Ob
     return replace(
         observation,
         objects=tuple(
-            ObservedObject(seen.object, seen.trajectory, state)
-            for seen, state in zip(observation.objects, states, strict=True)
+            ObservedObject(observed.object, observed.trajectory, state)
+            for observed, state in zip(observation.objects, states, strict=True)
         ),
     )
 
@@ -67,15 +67,17 @@ def initial_states(observation: Observation, points: int, noise: float) -> list[
     """
     gravity = observation.environment.gravity
     states = []
-    for seen in observation.objects:
-        near = _near_something(seen, observation.objects, observation.environment, points, noise)
+    for observed in observation.objects:
+        near = _near_something(
+            observed, observation.objects, observation.environment, points, noise
+        )
         free = max(int(near.argmax()) if near.any() else len(near), FEWEST_POINTS)
-        times, positions = seen.trajectory.times[:free], seen.trajectory.positions[:free]
+        times, positions = observed.trajectory.times[:free], observed.trajectory.positions[:free]
         count = flight_length(times, positions, gravity, noise)
         position, velocity, covariance = fit_noisy_flight(
             times[:count], positions[:count], gravity, noise
         )
-        known = seen.initial_state
+        known = observed.initial_state
         for part in (ROTATION, ANGULAR_VELOCITY):
             covariance[part, part] = known.covariance[part, part]
         states.append(
@@ -85,20 +87,20 @@ def initial_states(observation: Observation, points: int, noise: float) -> list[
 
 
 def _near_something(
-    seen: ObservedObject,
+    observed: ObservedObject,
     objects: Sequence[ObservedObject],
     environment: Environment,
     points: int,
     noise: float,
 ) -> NDArray[np.bool_]:
     """Whether an object may touch a plane or another object at each of its first points."""
-    times, positions = seen.trajectory.times[:points], seen.trajectory.positions[:points]
-    radius = seen.object.shape.bounding_radius
+    times, positions = observed.trajectory.times[:points], observed.trajectory.positions[:points]
+    radius = observed.object.shape.bounding_radius
     near = np.zeros(len(times), dtype=bool)
     for plane in environment.planes:
         near |= plane.signed_distances(positions) < radius + MARGIN * noise
     for other in objects:
-        if other is not seen:
+        if other is not observed:
             track = other.trajectory
             there = np.column_stack([np.interp(times, track.times, x) for x in track.positions.T])
             reach = radius + other.object.shape.bounding_radius + MARGIN * np.sqrt(2.0) * noise
@@ -160,7 +162,7 @@ LEARNED_SHARE = 0.6
 
 LEARNED_POINTS = 30  # Points, at most, that initial states of what is learned from are fitted to
 
-# Those of θ_s. Positions have the noise that initial states are fitted with, so their covariances
+# Scales of θ_s. Positions have the noise that initial states are fitted with, so their covariances
 # are right as they are, and a scale of them could only be chance.
 FITTED_SCALES = ("static_parameters", "unidentified")
 
@@ -186,15 +188,15 @@ class PaperCalibration:
         The ratios are the largest of all horizons. Where `energy_score_vs_best_baseline` is below
         1, ours is better than every baseline at every horizon.
         """
-        found = self.calibration
-        covered = found.scores[OURS].coverage(0.9)
+        result = self.calibration
+        covered = result.scores[OURS].coverage(0.9)
         return {
             "coverage_90": {
                 f"{horizon:g}": round(float(share), 4)
-                for horizon, share in zip(found.horizons, covered, strict=True)
+                for horizon, share in zip(result.horizons, covered, strict=True)
             },
-            "energy_score_vs_best_baseline": _largest(found.energy_score_vs_best_baseline),
-            "energy_score_vs_fitted_noise": _largest(found.energy_score_vs_fitted_noise),
+            "energy_score_vs_best_baseline": _largest(result.energy_score_vs_best_baseline),
+            "energy_score_vs_fitted_noise": _largest(result.energy_score_vs_fitted_noise),
         }
 
 
@@ -238,11 +240,11 @@ def calibrate_on_paper_set(
         ),
         on_progress=on_progress,
     ).learned
-    seen = (dataset.parameters, simulator)
+    truth = (dataset.parameters, simulator)
     noise = np.random.default_rng([options.seed, 1])
-    found = calibrate(
-        paper_outcomes(runs[first:second], *seen, options.points, options.horizons, noise),
-        paper_outcomes(runs[second:], *seen, options.points, options.horizons),
+    result = calibrate(
+        paper_outcomes(runs[first:second], *truth, options.points, options.horizons, noise),
+        paper_outcomes(runs[second:], *truth, options.points, options.horizons),
         learned,
         options.horizons,
         scales_to_fit=FITTED_SCALES,
@@ -251,17 +253,17 @@ def calibrate_on_paper_set(
         seed=options.seed,
         simulator=simulator,
     )
-    ours = noisy_prediction(learned, found.scales, options.samples, simulator)
+    ours = noisy_prediction(learned, result.scales, options.samples, simulator)
     most = max(options.point_counts, default=options.points)
     by_points = {
         points: score(
-            paper_outcomes(runs[second:], *seen, points, options.horizons, ahead_of=most),
+            paper_outcomes(runs[second:], *truth, points, options.horizons, ahead_of=most),
             ours,
             options.seed + 1,
         )
         for points in options.point_counts
     }
-    return PaperCalibration(found, learned, by_points)
+    return PaperCalibration(result, learned, by_points)
 
 
 def _largest(ratios: NDArray[np.float64]) -> float:

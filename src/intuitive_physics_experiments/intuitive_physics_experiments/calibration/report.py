@@ -250,8 +250,8 @@ def _noise_scales(calibration: Calibration) -> str:
     )
     fitted = [f"{ratio:.3f} ± {error:.3f}" for ratio, error in zip(ratios, errors, strict=True)]
     best, ideal = (
-        [f"{ratio:.3f}" for ratio in found]
-        for found in (
+        [f"{ratio:.3f}" for ratio in ratios_by_horizon]
+        for ratios_by_horizon in (
             calibration.energy_score_vs_best_baseline,
             calibration.ideal_energy_score_vs_fitted_noise,
         )

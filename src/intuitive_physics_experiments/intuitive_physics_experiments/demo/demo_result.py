@@ -148,9 +148,9 @@ def throw_errors(
 ) -> tuple[ThrowErrors, ...]:
     """Return how well each observation was perceived, and explained at its costs (3, n) m."""
     rows = []
-    for k, seen in enumerate(observations):
-        observed_object = seen.objects[0]
-        throw = frame.throw_at(seen.start_time)
+    for k, observation in enumerate(observations):
+        observed_object = observation.objects[0]
+        throw = frame.throw_at(observation.start_time)
         truth = frame.true_positions(throw, observed_object.trajectory.times)
         errors = np.linalg.norm(observed_object.trajectory.positions - truth, axis=1)
         rows.append(
@@ -191,16 +191,16 @@ def prediction_outcome(
     throw = frame.throw_at(stamp)
     end = throw.end_time + 1e-9 * frame.truth.start_time - stamp
     known = times <= end
-    seen = observation.objects[0]
+    observed = observation.objects[0]
     return PredictionOutcome(
         environment=observation.environment,
-        material=seen.object.material,
-        radius=seen.object.shape.bounding_radius,
+        material=observed.object.material,
+        radius=observed.object.shape.bounding_radius,
         times=times[known],
         samples=samples[:, known],
         mean=mean[known],
-        observed_times=seen.trajectory.times - stamp,
-        observed=seen.trajectory.positions,
+        observed_times=observed.trajectory.times - stamp,
+        observed=observed.trajectory.positions,
         true=frame.true_positions(throw, stamp + times[known]),
     )
 
@@ -225,8 +225,8 @@ def example_frame(
 
     The `rotation` (3, 3) and `translation` (3,) m lead from the sensor to the environment.
     """
-    seen = observation.objects[0]
-    track = seen.trajectory
+    observed = observation.objects[0]
+    track = observed.trajectory
     flying = np.flatnonzero(track.positions[:, 2] > HEIGHT_SHOWN)
     shown = int(flying[len(flying) // 2]) if flying.size else 0
     depths = depth_images(bag)
@@ -243,7 +243,7 @@ def example_frame(
         environment=observation.environment,
         plane_outlines=tuple(plane.hull @ rotation.T + translation for plane in model.detected),
         sphere_center=track.positions[shown],
-        sphere_radius=seen.object.shape.bounding_radius,
+        sphere_radius=observed.object.shape.bounding_radius,
         track=track.positions,
     )
 

@@ -93,17 +93,17 @@ class _View:
         size = SCALE * WIDTH, SCALE * round(WIDTH * depth.shape[0] / depth.shape[1])
         image = _grey(depth).resize(size, Image.Resampling.NEAREST, self.part)
         pen = ImageDraw.Draw(image, "RGBA")
-        seen = track.times <= time + 1e-3
-        if predicted is not None and seen.any() and time < track.times[-1]:
+        is_past = track.times <= time + 1e-3
+        if predicted is not None and is_past.any() and time < track.times[-1]:
             ahead = predicted.times + predicted.made >= time
             for path in predicted.paths[:SAMPLES, ahead]:
                 pen.line(self._pixels(path), fill=f"{PREDICTED}70", width=SCALE)
             mean = predicted.paths[:, ahead].mean(axis=0)
             pen.line(self._pixels(mean), fill=PREDICTED, width=2 * SCALE)
-        for place in track.positions[seen]:
+        for place in track.positions[is_past]:
             self._circle(pen, place, 0.006, OBSERVED, fill=True)
-        if seen.any() and time <= track.times[-1] + 1e-3:
-            self._circle(pen, track.positions[seen][-1], radius, SPHERE)
+        if is_past.any() and time <= track.times[-1] + 1e-3:
+            self._circle(pen, track.positions[is_past][-1], radius, SPHERE)
         return image.resize((size[0] // SCALE, size[1] // SCALE), Image.Resampling.BOX)
 
     def _pixels(self, points: NDArray[np.float64]) -> list[tuple[float, float]]:
@@ -148,7 +148,9 @@ def _part_shown(perceived: PerceivedFrame, track: Trajectory) -> tuple[float, fl
 
 def _newest(predictions: Sequence[PredictedPaths], time: float) -> PredictedPaths | None:
     """Return the newest prediction of what had been seen until a time, s."""
-    return next((one for one in reversed(predictions) if one.made <= time + 1e-3), None)
+    return next(
+        (prediction for prediction in reversed(predictions) if prediction.made <= time + 1e-3), None
+    )
 
 
 def _grey(depth: NDArray[Any]) -> Image.Image:

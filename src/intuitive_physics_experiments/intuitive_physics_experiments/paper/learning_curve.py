@@ -30,7 +30,7 @@ from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.learning_session import LearningOptions, search_parameters
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria
 
-PAPER_ERROR, PAPER_DEVIATION = 0.911, 0.189  # m, mean test error and its σ (Sec. IV-D).
+PAPER_ERROR, PAPER_DEVIATION = 0.911, 0.189  # m, mean test error and its σ (Sec. IV-D)
 
 # Titles of the figure's parts, by where initial states come from.
 SOURCE_TITLES = {

@@ -35,8 +35,8 @@ from intuitive_physics_experiments.paper.paper_room import (
 from intuitive_physics_experiments.results import write_csv, write_whole
 from intuitive_physics_recordings.observation_files import save_observations
 
-DURATION = 5.0  # s of a run (Sec. IV-B).
-SAMPLE_RATE = 30.0  # 1/s (Sec. IV-B).
+DURATION = 5.0  # s of a run (Sec. IV-B)
+SAMPLE_RATE = 30.0  # 1/s (Sec. IV-B)
 POSITION_NOISE = 0.02  # m, the standard deviation of N(0, 0.02) on each axis
 TRAINING_SHARE = 0.8  # Share of the runs that is learned from, as in the paper
 
@@ -59,11 +59,11 @@ class PaperRun:
         _check_source(source)
         objects = tuple(
             ObservedObject(
-                seen.object,
-                seen.trajectory,
-                _initial_state(seen.trajectory, truth, self.scene.environment, source),
+                observed.object,
+                observed.trajectory,
+                _initial_state(observed.trajectory, truth, self.scene.environment, source),
             )
-            for seen, truth in zip(self.observation.objects, self.scene.states, strict=True)
+            for observed, truth in zip(self.observation.objects, self.scene.states, strict=True)
         )
         return replace(self, observation=replace(self.observation, objects=objects))
 
@@ -189,12 +189,12 @@ def observed_run(
     """
     _check_source(initial_states)
     noisy = positions + rng.normal(0.0, POSITION_NOISE, positions.shape)
-    seen = []
+    observed = []
     for scene_object, truth, points in zip(scene.objects, scene.states, noisy, strict=True):
         trajectory = Trajectory(times, points)
         state = _initial_state(trajectory, truth, scene.environment, initial_states)
-        seen.append(ObservedObject(scene_object, trajectory, state))
-    observation = Observation(scene.environment, tuple(seen), 0.0, rng.bytes(16).hex())
+        observed.append(ObservedObject(scene_object, trajectory, state))
+    observation = Observation(scene.environment, tuple(observed), 0.0, rng.bytes(16).hex())
     return PaperRun(scene, positions, observation)
 
 
@@ -260,14 +260,14 @@ def _rows(runs: Sequence[PaperRun], part: str) -> list[dict[str, Any]]:
         {
             "part": part,
             "observation": run.observation.id,
-            "object": seen.object.id,
+            "object": observed.object.id,
             "time": float(time),
             **dict(zip(("x", "y", "z"), map(float, point), strict=True)),
             **dict(zip(("true_x", "true_y", "true_z"), map(float, true), strict=True)),
         }
         for run in runs
-        for seen, positions in zip(run.observation.objects, run.positions, strict=True)
+        for observed, positions in zip(run.observation.objects, run.positions, strict=True)
         for time, point, true in zip(
-            seen.trajectory.times, seen.trajectory.positions, positions, strict=True
+            observed.trajectory.times, observed.trajectory.positions, positions, strict=True
         )
     ]

@@ -31,7 +31,7 @@ ROOM_MATERIAL = "room"  # Material of floor and walls
 HALF_ROOM = 5.0  # m from the room's middle to each wall
 SHAPE_KINDS = (Sphere.kind, Box.kind, Capsule.kind)  # Kinds of objects in the paper's set
 DIMENSIONS = (0.1, 0.7)  # m, smallest and largest diameter or edge
-CIRCLE_CENTER = (0.0, 0.0, 2.0)  # m, of the circle about which objects start (Eq. 10).
+CIRCLE_CENTER = (0.0, 0.0, 2.0)  # m, of the circle about which objects start (Eq. 10)
 CIRCLE_RADIUS = 3.0  # m
 START_DEVIATION = 1.0  # m and m/s, of the positions and the velocities of Eq. 10.
 SPIN_DEVIATION = 0.1  # rad/s, of the angular velocities of Eq. 10.
@@ -41,7 +41,7 @@ CLEARANCE = 0.01
 
 MOST_ATTEMPTS = 1000  # Draws of a start that touches nothing before it is given up
 
-# What θ_s is drawn from, uniformly on each scale; within the bounds that learners search.
+# Ranges that θ_s is drawn from, uniformly on each scale; within the bounds that learners search.
 TRUE_RANGES = {
     "density": Bounds(200.0, 2000.0, "logarithmic"),
     "static_friction": Bounds(0.1, 1.0),

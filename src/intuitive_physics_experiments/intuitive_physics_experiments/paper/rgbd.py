@@ -78,24 +78,28 @@ def run(settings: RgbdSettings, store: CellStore) -> Results:
     """Render, perceive, learn each ball and predict some of its throws."""
     observations, perceived = _observations(settings, store)
     by_ball = {
-        material: [seen for seen in observations if seen.objects[0].object.material == material]
+        material: [
+            observation
+            for observation in observations
+            if observation.objects[0].object.material == material
+        ]
         for material in BALL_RADII
     }
     engine = make_simulator("auto", store.cores)
 
-    def learned(seen: Sequence[Observation]) -> StaticParameters:
+    def learned(observations: Sequence[Observation]) -> StaticParameters:
         options = LearningOptions(
             criteria=ConvergenceCriteria(max_iterations=settings.iterations), seed=settings.seed
         )
-        return learn(seen, engine, options).learned.parameters
+        return learn(observations, engine, options).learned.parameters
 
     def ball(material: str) -> dict[str, Any]:
-        seen = by_ball[material]
-        training, test = split(seen, TRAIN_FRACTION, settings.seed)
-        from_all, from_part = learned(seen), learned(training)
+        throws = by_ball[material]
+        training, test = split(throws, TRAIN_FRACTION, settings.seed)
+        from_all, from_part = learned(throws), learned(training)
         default = StaticParameters.uniform(from_all.materials)
         judged = [from_all, true_parameters().extended(from_all.materials), default]
-        whole = TrajectoryCost(seen, engine, from_all.materials).observation_costs(judged)
+        whole = TrajectoryCost(throws, engine, from_all.materials).observation_costs(judged)
         unseen = TrajectoryCost(test, engine, from_part.materials).observation_costs([from_part])
         return {
             "learned": whole[0].tolist(),
@@ -105,12 +109,12 @@ def run(settings: RgbdSettings, store: CellStore) -> Results:
             "parameters": from_part.to_dict(),
         }
 
-    found = store.run({f"ball_{material}": partial(ball, material) for material in by_ball}, 1)
-    rows = [_row(material, found[f"ball_{material}"]) for material in by_ball]
+    cells = store.run({f"ball_{material}": partial(ball, material) for material in by_ball}, 1)
+    rows = [_row(material, cells[f"ball_{material}"]) for material in by_ball]
     cases: list[PredictionCase] = []
-    for material, seen in by_ball.items():
-        _, test = split(seen, TRAIN_FRACTION, settings.seed)
-        theta = StaticParameters.from_dict(found[f"ball_{material}"]["parameters"])
+    for material, throws in by_ball.items():
+        _, test = split(throws, TRAIN_FRACTION, settings.seed)
+        theta = StaticParameters.from_dict(cells[f"ball_{material}"]["parameters"])
         rng = np.random.default_rng([settings.seed, 1 + len(cases)])
         cases += predict_cases(test[:1], theta, engine, rng, sample_count=20)
     example = example_frame(
@@ -123,7 +127,7 @@ def run(settings: RgbdSettings, store: CellStore) -> Results:
     return Results(
         "Thrown balls by a depth camera (Figs. 7 to 9)",
         _body(rows),
-        {"errors_by_size.csv": rows, "throws.csv": _throw_rows(found, by_ball)},
+        {"errors_by_size.csv": rows, "throws.csv": _throw_rows(cells, by_ball)},
         {
             "errors_by_size.png": Figure((7.0, 4.0), partial(_draw_errors_by_size, rows=rows)),
             "predictions.png": Figure((12.0, 4.0), partial(draw_predictions, cases=cases)),
@@ -165,35 +169,35 @@ def _observations(
             "translation": recording.model.translation.tolist(),
         }
 
-    found = store.run({"render": render, "perceive": perceive}, 1)
-    return load_observations(kept), found["perceive"]
+    cells = store.run({"render": render, "perceive": perceive}, 1)
+    return load_observations(kept), cells["perceive"]
 
 
-def _row(material: str, found: dict[str, Any]) -> Row:
+def _row(material: str, cell: dict[str, Any]) -> Row:
     row: Row = {
         "ball": material,
         "radius": BALL_RADII[material],
-        "observations": len(found["learned"]),
+        "observations": len(cell["learned"]),
     }
     for name in ("learned", "test", "true_parameters", "default"):
-        row[name] = float(np.mean(found[name]))
-        row[f"{name}_deviation"] = float(np.std(found[name]))
+        row[name] = float(np.mean(cell[name]))
+        row[f"{name}_deviation"] = float(np.std(cell[name]))
     return row
 
 
-def _throw_rows(found: dict[str, Any], by_ball: dict[str, list[Observation]]) -> list[Row]:
+def _throw_rows(cells: dict[str, Any], by_ball: dict[str, list[Observation]]) -> list[Row]:
     return [
         {
             "ball": material,
-            "observation": seen.id,
-            "duration": seen.objects[0].trajectory.duration,
+            "observation": observation.id,
+            "duration": observation.objects[0].trajectory.duration,
             **{
-                name: found[f"ball_{material}"][name][k]
+                name: cells[f"ball_{material}"][name][k]
                 for name in ("learned", "true_parameters", "default")
             },
         }
         for material, observations in by_ball.items()
-        for k, seen in enumerate(observations)
+        for k, observation in enumerate(observations)
     ]
 
 

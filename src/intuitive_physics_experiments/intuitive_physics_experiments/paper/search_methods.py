@@ -153,24 +153,24 @@ def _search(seed: int, on: SearchSet, method: str, run: int, iterations: int) ->
 
 
 def _histories(
-    settings: SearchMethodsSettings, found: Mapping[str, Any], objects: int, samples: int, rule: str
+    settings: SearchMethodsSettings, cells: Mapping[str, Any], objects: int, samples: int, rule: str
 ) -> NDArray[np.float64]:
     """Lowest J so far (runs, iterations) m; a search that ended early keeps its last value."""
     rows = []
     for run in range(settings.runs):
-        history = found[_name(objects, samples, rule, run)]["history"]
+        history = cells[_name(objects, samples, rule, run)]["history"]
         rows.append(history + [history[-1]] * (settings.iterations_of(objects) - len(history)))
     return np.array(rows)
 
 
-def _curves(settings: SearchMethodsSettings, found: Mapping[str, Any]) -> list[Row]:
+def _curves(settings: SearchMethodsSettings, cells: Mapping[str, Any]) -> list[Row]:
     rows = []
     for objects in settings.objects:
         last = settings.iterations_of(objects)
         shown = np.unique(np.geomspace(1, last, CURVE_POINTS).round().astype(int))
         for samples in settings.samples:
             for rule in settings.methods:
-                histories = _histories(settings, found, objects, samples, rule)
+                histories = _histories(settings, cells, objects, samples, rule)
                 for iteration in shown:
                     values = histories[:, iteration - 1]
                     rows.append(
@@ -186,13 +186,13 @@ def _curves(settings: SearchMethodsSettings, found: Mapping[str, Any]) -> list[R
     return rows
 
 
-def _final(settings: SearchMethodsSettings, found: Mapping[str, Any]) -> list[Row]:
+def _final(settings: SearchMethodsSettings, cells: Mapping[str, Any]) -> list[Row]:
     rows = []
     for objects in settings.objects:
         for samples in settings.samples:
             for rule in settings.methods:
-                last = _histories(settings, found, objects, samples, rule)[:, -1]
-                first = found[_name(objects, samples, rule, 0)]
+                last = _histories(settings, cells, objects, samples, rule)[:, -1]
+                first = cells[_name(objects, samples, rule, 0)]
                 rows.append(
                     {
                         "objects": objects,
@@ -215,10 +215,10 @@ def _body(settings: SearchMethodsSettings, final: Sequence[Row], cpu_seconds: fl
         (row["objects"], row["samples"], row["method"]): f"{row['J']:.3f} ± {row['deviation']:.3f}"
         for row in final
     }
-    rows = [[rule, *(by_set[(*one, rule)] for one in sets)] for rule in settings.methods]
+    rows = [[rule, *(by_set[(*size, rule)] for size in sets)] for rule in settings.methods]
     for name in ("oracle", "default"):
         first = {(row["objects"], row["samples"]): row[name] for row in final}
-        rows.append([name, *(f"{first[one]:.3f}" for one in sets)])
+        rows.append([name, *(f"{first[size]:.3f}" for size in sets)])
     evaluations = ["evaluations", *(str(settings.iterations_of(objects)) for objects, _ in sets)]
     header = ["J (m)", *(f"{objects} × {samples}" for objects, samples in sets)]
     return (

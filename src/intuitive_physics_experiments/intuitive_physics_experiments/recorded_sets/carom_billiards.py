@@ -50,9 +50,9 @@ def carom_observations(arrays: Arrays) -> list[Observation]:
     for shot in np.unique(rows[:, 0]):
         times, paths = _paths(rows[rows[:, 0] == shot], f"shot {shot:g}")
         # Tracking puts a ball at a cushion a hair into it.
-        seen = np.clip(paths, radius, size - radius)
-        observations.append(_observation(f"shot_{shot:03.0f}", times, seen, environment, radius))
-    return [seen for seen in observations if seen is not None]
+        within = np.clip(paths, radius, size - radius)
+        observations.append(_observation(f"shot_{shot:03.0f}", times, within, environment, radius))
+    return [observation for observation in observations if observation is not None]
 
 
 def _table(size: NDArray[np.float64]) -> Environment:
@@ -71,9 +71,9 @@ def _table(size: NDArray[np.float64]) -> Environment:
 def _paths(rows: NDArray[np.float64], name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Times (n,) and positions (balls, n, 2) of one shot."""
     balls = [rows[rows[:, 1] == ball] for ball in np.unique(rows[:, 1])]
-    if any(not np.array_equal(one[:, 2], balls[0][:, 2]) for one in balls):
+    if any(not np.array_equal(ball[:, 2], balls[0][:, 2]) for ball in balls):
         raise InvalidInputError(f"balls of {name} were seen at different times; expected the same")
-    return balls[0][:, 2], np.stack([one[:, 3:] for one in balls])
+    return balls[0][:, 2], np.stack([ball[:, 3:] for ball in balls])
 
 
 def _observation(
@@ -90,13 +90,13 @@ def _observation(
     free = _rows_before_contact(paths, environment, radius)
     if free < 2:
         return None
-    seen = []
+    balls = []
     for ball, path in enumerate(paths):
         places = np.column_stack([path, np.full(len(path), radius)])
         scene_object = SceneObject(f"ball {ball}", BALL_MATERIAL, Sphere(radius))
         state = _initial_state(times[:free], places[:free])
-        seen.append(ObservedObject(scene_object, Trajectory(times, places), state))
-    return Observation(environment, tuple(seen), float(times[0]), name)
+        balls.append(ObservedObject(scene_object, Trajectory(times, places), state))
+    return Observation(environment, tuple(balls), float(times[0]), name)
 
 
 def _rows_before_contact(

@@ -82,8 +82,8 @@ def cube_tosses(
             rotation_matrix(orientations[0]) @ spins[0],
         )
         trajectory = Trajectory(period * np.arange(len(positions)), factor * positions)
-        seen = ObservedObject(cube, trajectory, state)
-        tosses.append(CubeToss(Observation(table, (seen,), 0.0, f"toss_{i:03d}"), orientations))
+        observed = ObservedObject(cube, trajectory, state)
+        tosses.append(CubeToss(Observation(table, (observed,), 0.0, f"toss_{i:03d}"), orientations))
     return tosses
 
 

@@ -55,18 +55,18 @@ LEAST_DRAG = 0.3  # C_D over the drag of a flight, at least
 # s, after which drag and Magnus coefficient follow speed and spin, which a bounce changes.
 LEG = 0.1
 
-INSTANT = 1e-5  # s, over which velocity and spin are taken from positions and orientations
+INSTANT = 1e-5  # s between positions and orientations that give velocity and spin
 SHELL = 5.0 / 3.0  # Moment of inertia of a thin shell over that of a solid ball
 
-# By which unknowns are changed for finite differences.
+# Changes of the unknowns for finite differences
 STEPS = np.array([1e-4] * 3 + [1e-3] * 3 + [0.2] * 3 + [1e-3] * 5 + [1e-4] * 2)
 
 MOST_ROUNDS = 30  # Damped steps at most
 CONVERGED = 1e-2  # Decrease of the cost, which is minus a log probability, that ends the search
-LARGEST_DAMPING = 1e6  # At which no step lowers the cost
-FIRST_ROWS = 8  # Whose straight line starts the search
+LARGEST_DAMPING = 1e6  # Damping at which no step lowers the cost
+FIRST_ROWS = 8  # Rows whose straight line starts the search
 LOOSE_POSITION, LOOSE_VELOCITY = 0.1, 5.0  # m and m/s, standard deviations around that line
-UNLIKELY = 10.0  # Below the log probability of the best explanation, at which another is dropped
+UNLIKELY = 10.0  # Log probability below that of the best explanation at which another is dropped
 
 
 # Arrays of a batch with a row for each environment, except the planes.

@@ -48,7 +48,7 @@ LEVEL_SPINS = np.arange(-450.0, 451.0, 75.0)
 LEVEL_SPREAD = 40.0  # rad/s, standard deviation of each
 RAREST = 0.005  # Weight of each Gaussian at least: spins that were not thrown yet
 
-# Before anything is learned.
+# The prior before anything is learned
 START = BallPrior(
     np.array([0.52, 0.25, 0.28, 0.98, 0.23, -0.0043, 0.0086]),
     np.diag([0.04, 0.03, 0.05, 0.03, 0.02, 0.0015, 0.001]) ** 2,
@@ -114,9 +114,9 @@ def evaluate_flights(
         SPINLESS: smoothing_predictor(model, without_spin(prior)),
     }
     scores: list[list[FlightScore]] = [[], []]
-    for half, found in zip(scored, scores, strict=True):
+    for half, half_scores in zip(scored, scores, strict=True):
         for flight in half:
-            found.append(score_flight(model, prior, predictors, flight))
+            half_scores.append(score_flight(model, prior, predictors, flight))
             progress(next(done), total)
     return FlightEvaluation(prior, scores[0], scores[1], (len(halves[0]), len(halves[1])))
 
@@ -198,9 +198,9 @@ def _spin_covariance(estimates: Sequence[BallEstimate]) -> NDArray[np.float64]:
         spin = across @ estimate.unknowns[best, 6:9]
         covariance = across @ estimate.covariances[best, 6:9, 6:9] @ across.T
         moments.append(np.outer(spin, spin) + covariance)
-    found = np.diag([LEVEL_SPREAD**2, 0.0, 0.0])
-    found[1:, 1:] = np.mean(moments, axis=0)
-    return found
+    covariance_about_axes = np.diag([LEVEL_SPREAD**2, 0.0, 0.0])
+    covariance_about_axes[1:, 1:] = np.mean(moments, axis=0)
+    return covariance_about_axes
 
 
 def _spin_weights(prior: BallPrior, estimates: Sequence[BallEstimate]) -> NDArray[np.float64]:
@@ -317,7 +317,7 @@ def predicted_errors(
 def _errors(
     predictors: Mapping[str, Predictor],
     flight: SpinFlight,
-    seen: tuple[NDArray[np.float64], NDArray[np.float64]],
+    rows_seen: tuple[NDArray[np.float64], NDArray[np.float64]],
     since: float,
 ) -> dict[str, float]:
     """Median over the window's rows, of which some may be no ball; NaN where there are too few."""
@@ -328,7 +328,9 @@ def _errors(
     return {
         name: float(
             np.median(
-                np.linalg.norm(predict(*seen, flight.times[rows]) - flight.positions[rows], axis=1)
+                np.linalg.norm(
+                    predict(*rows_seen, flight.times[rows]) - flight.positions[rows], axis=1
+                )
             )
         )
         for name, predict in predictors.items()

@@ -118,7 +118,7 @@ def _read(path: Path, expected: Sequence[RecordedSet]) -> tuple[RecordedSet, dic
             f"{path} has the arrays {', '.join(sorted(arrays))}; expected {known}"
         )
     if kind not in expected:
-        titles = " or ".join(one.title for one in expected)
+        titles = " or ".join(kind.title for kind in expected)
         raise InvalidInputError(f"{path} is a set of {kind.title}; expected {titles}")
     return kind, arrays
 

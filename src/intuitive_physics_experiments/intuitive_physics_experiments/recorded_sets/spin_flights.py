@@ -80,7 +80,7 @@ def spin_flight_observations(arrays: Arrays) -> list[Observation]:
         flight_observation(flight.name, flight.times, flight.positions, environment, ball)
         for flight in spin_flights(arrays)
     ]
-    return [seen for seen in observations if seen is not None]
+    return [observation for observation in observations if observation is not None]
 
 
 def frame_numbers(

@@ -79,7 +79,7 @@ def launch_observations(arrays: Arrays, air: AirCoefficients = VACUUM) -> list[O
         flight_observation(f"launch_{i:03d}", times - times[0], positions, environment, ball)
         for i, (times, positions) in enumerate(recordings)
     ]
-    return [seen for seen in observations if seen is not None]
+    return [observation for observation in observations if observation is not None]
 
 
 def gun_observations(arrays: Arrays, air: AirCoefficients = VACUUM) -> list[Observation]:
@@ -100,7 +100,7 @@ def gun_observations(arrays: Arrays, air: AirCoefficients = VACUUM) -> list[Obse
         observations.append(
             flight_observation(f"gun_{i:03d}", times, positions[kept], environment, ball)
         )
-    return [seen for seen in observations if seen is not None]
+    return [observation for observation in observations if observation is not None]
 
 
 def recovered_times(
@@ -148,8 +148,8 @@ def flight_observation(
     if free < FEWEST_FREE_POINTS or end < FEWEST_POINTS:
         return None
     state = fit_ball_state(times[:free], positions[:free], environment, ball)
-    seen = ObservedObject(ball, Trajectory(times[:end], positions[:end]), state)
-    return Observation(environment, (seen,), float(times[0]), name)
+    observed = ObservedObject(ball, Trajectory(times[:end], positions[:end]), state)
+    return Observation(environment, (observed,), float(times[0]), name)
 
 
 def ball_in_air(radius: float, air: AirCoefficients) -> SceneObject:

@@ -63,13 +63,13 @@ def learn_drag(
         except InvalidInputError:
             return UNFIT
         training, _ = split(observations, train_fraction, seed)
-        cost = TrajectoryCost([_before_bounce(seen) for seen in training], simulator)
+        cost = TrajectoryCost([_before_bounce(observation) for observation in training], simulator)
         return float(cost.costs([ball_parameters().extended(cost.materials)])[0])
 
-    found = minimize_scalar(
+    fit = minimize_scalar(
         misfit, bounds=(0.0, LARGEST_DRAG), method="bounded", options={"xatol": DRAG_TOLERANCE}
     )
-    return float(found.x)
+    return float(fit.x)
 
 
 def look_ahead(
@@ -80,19 +80,22 @@ def look_ahead(
     Balls that bounce while they are watched are left out; None where all do, or none is seen for
     longer.
     """
-    pairs = [(seen, _watched(seen)) for seen in observations]
-    due = [(seen, early) for seen, early in pairs if early is not None]
-    lasts = [seen.objects[0].trajectory.times[-1] - seen.start_time for seen, _ in due]
+    pairs = [(observation, _watched(observation)) for observation in observations]
+    due = [(observation, early) for observation, early in pairs if early is not None]
+    lasts = [
+        observation.objects[0].trajectory.times[-1] - observation.start_time
+        for observation, _ in due
+    ]
     ahead = min(MOST_AHEAD, AHEAD_STEP * ((min(lasts, default=0.0) - WATCHED) // AHEAD_STEP))
     if ahead <= 0.0:
         return None
     at = WATCHED + ahead
-    arrived = np.array([_place_at(seen, at) for seen, _ in due])
-    early = [one for _, one in due]
+    arrived = np.array([_place_at(observation, at) for observation, _ in due])
+    early = [start for _, start in due]
     expected = {
         "learned parameters": _simulated(early, learned, at),
         "default parameters": _simulated(early, default, at),
-        "free flight": np.array([_flown(one, at) for one in early]),
+        "free flight": np.array([_flown(start, at) for start in early]),
     }
     offsets = arrived - arrived.mean(axis=0)
     return LookAhead(
@@ -102,50 +105,50 @@ def look_ahead(
     )
 
 
-def _before_bounce(seen: Observation) -> Observation:
-    (ball,) = seen.objects
-    return _first_rows(seen, rows_before_contact(_heights(seen)), ball)
+def _before_bounce(observation: Observation) -> Observation:
+    (ball,) = observation.objects
+    return _first_rows(observation, rows_before_contact(_heights(observation)), ball)
 
 
-def _watched(seen: Observation) -> Observation | None:
+def _watched(observation: Observation) -> Observation | None:
     """The observation as it is known after `WATCHED`, with an initial state of that alone."""
-    (ball,) = seen.objects
-    since = ball.trajectory.times - seen.start_time
+    (ball,) = observation.objects
+    since = ball.trajectory.times - observation.start_time
     count = int(np.searchsorted(since, WATCHED, side="right"))
-    free = rows_before_contact(_heights(seen))
+    free = rows_before_contact(_heights(observation))
     if count < FEWEST_POINTS or free < count:
         return None
     times, positions = ball.trajectory.times[:count], ball.trajectory.positions[:count]
-    state = fit_ball_state(times, positions, seen.environment, ball.object)
-    return _first_rows(seen, count, replace(ball, initial_state=state))
+    state = fit_ball_state(times, positions, observation.environment, ball.object)
+    return _first_rows(observation, count, replace(ball, initial_state=state))
 
 
-def _first_rows(seen: Observation, count: int, ball: ObservedObject) -> Observation:
+def _first_rows(observation: Observation, count: int, ball: ObservedObject) -> Observation:
     trajectory = Trajectory(ball.trajectory.times[:count], ball.trajectory.positions[:count])
-    return replace(seen, objects=(replace(ball, trajectory=trajectory),))
+    return replace(observation, objects=(replace(ball, trajectory=trajectory),))
 
 
-def _heights(seen: Observation) -> NDArray[np.float64]:
-    (ball,) = seen.objects
-    above = seen.environment.planes[0].signed_distances(ball.trajectory.positions)
+def _heights(observation: Observation) -> NDArray[np.float64]:
+    (ball,) = observation.objects
+    above = observation.environment.planes[0].signed_distances(ball.trajectory.positions)
     return above - ball.object.shape.bounding_radius
 
 
-def _place_at(seen: Observation, since: float) -> NDArray[np.float64]:
-    trajectory = seen.objects[0].trajectory
-    at = seen.start_time + since
+def _place_at(observation: Observation, since: float) -> NDArray[np.float64]:
+    trajectory = observation.objects[0].trajectory
+    at = observation.start_time + since
     return np.array([np.interp(at, trajectory.times, x) for x in trajectory.positions.T])
 
 
 def _simulated(
     observations: Sequence[Observation], parameters: StaticParameters, at: float
 ) -> NDArray[np.float64]:
-    scenes = [seen.scene() for seen in observations]
+    scenes = [observation.scene() for observation in observations]
     rollout = make_simulator("auto").rollout(scenes, parameters, [at], orientations=False)
     return rollout.positions[:, 0, 0]
 
 
-def _flown(seen: Observation, at: float) -> NDArray[np.float64]:
-    (ball,) = seen.objects
+def _flown(observation: Observation, at: float) -> NDArray[np.float64]:
+    (ball,) = observation.objects
     radius = ball.object.shape.bounding_radius
-    return free_flight(seen.environment, radius, ball.initial_state, [at])[0]
+    return free_flight(observation.environment, radius, ball.initial_state, [at])[0]

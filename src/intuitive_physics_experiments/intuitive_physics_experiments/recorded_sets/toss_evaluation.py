@@ -48,15 +48,15 @@ class TossBatch:
             [toss.observation.scene() for toss in tosses], StaticParameters.uniform(MATERIALS)
         )
         self.width = tosses[0].width
-        seen = [toss.observation.objects[0].trajectory for toss in tosses]
-        steps = max(len(one) for one in seen) - 1
+        tracks = [toss.observation.objects[0].trajectory for toss in tosses]
+        steps = max(len(track) for track in tracks) - 1
         self._times = np.full((len(tosses), steps), np.nan)
         self._positions = np.zeros((len(tosses), steps, 3))
         self._orientations = np.zeros((len(tosses), steps, 4))
-        for row, (toss, one) in enumerate(zip(tosses, seen, strict=True)):
-            self._times[row, : len(one) - 1] = one.times[1:] - one.times[0]
-            self._positions[row, : len(one) - 1] = one.positions[1:]
-            self._orientations[row, : len(one) - 1] = toss.orientations[1:]
+        for row, (toss, track) in enumerate(zip(tosses, tracks, strict=True)):
+            self._times[row, : len(track) - 1] = track.times[1:] - track.times[0]
+            self._positions[row, : len(track) - 1] = track.positions[1:]
+            self._orientations[row, : len(track) - 1] = toss.orientations[1:]
 
     @property
     def times(self) -> NDArray[np.float64]:
@@ -193,11 +193,11 @@ def evaluate_tosses(
     parts = (TossBatch(training), TossBatch(test))
     fits = {}
     for name in engines:
-        found = [
+        searches = [
             (_fit(parts[0], simulator, options, on_progress), simulator)
             for simulator in toss_simulators(name)
         ]
-        search, simulator = min(found, key=lambda one: one[0].cost)
+        search, simulator = min(searches, key=lambda pair: pair[0].cost)
         default = toss_parameters(DEFAULT_FRICTION, DEFAULT_RESTITUTION)
         fits[name] = TossFit(
             simulator,

@@ -47,22 +47,24 @@ def fit_mass_centre(tosses: Sequence[CubeToss]) -> MassCentreFit:
             f"{len(flights)} flights do not determine the centre of mass; expected 3 or more that "
             "turn, each a different way"
         )
-    found = np.linalg.solve(normal, sum(columns.T @ seen for columns, seen in flights))
+    solution = np.linalg.solve(normal, sum(columns.T @ positions for columns, positions in flights))
     # Motion capture is smoothed: errors within a flight are alike, those of two flights are not
     # (the sandwich estimator of clustered data, White 1984).
-    pulls = np.array([columns.T @ (seen - columns @ found) for columns, seen in flights])
+    pulls = np.array(
+        [columns.T @ (positions - columns @ solution) for columns, positions in flights]
+    )
     spread = len(flights) / (len(flights) - 2) * pulls.T @ pulls
     covariance = np.linalg.solve(normal, np.linalg.solve(normal, spread).T)
     deviations = np.sqrt(np.diag(covariance))
-    return MassCentreFit(np.asarray(-found[3:]), np.asarray(deviations[3:]), len(flights))
+    return MassCentreFit(np.asarray(-solution[3:]), np.asarray(deviations[3:]), len(flights))
 
 
 def with_mass_centre(toss: CubeToss, mass_centre: NDArray[np.float64]) -> CubeToss:
     """Return the toss of a cube with the offset `mass_centre` (3,) m in the cube's frame."""
-    (seen,) = toss.observation.objects
+    (observed,) = toss.observation.objects
     x, y, z = mass_centre.tolist()
-    cube = replace(seen.object, mass_centre=(x, y, z))
-    objects = (replace(seen, object=cube),)
+    cube = replace(observed.object, mass_centre=(x, y, z))
+    objects = (replace(observed, object=cube),)
     return replace(toss, observation=replace(toss.observation, objects=objects))
 
 

@@ -74,9 +74,9 @@ def _record(evaluation: TossEvaluation, name: str, errors: tuple[TossErrors, Tos
         "test": len(evaluation.test),
         "prediction": name,
     }
-    for part, found in zip(("training", "test"), errors, strict=True):
+    for part, part_errors in zip(("training", "test"), errors, strict=True):
         for quantity in ("position", "rotation"):
-            values = getattr(found, quantity)
+            values = getattr(part_errors, quantity)
             record[f"{quantity}_{part}"] = float(values.mean())
             record[f"{quantity}_{part}_deviation"] = float(values.std())
     return record

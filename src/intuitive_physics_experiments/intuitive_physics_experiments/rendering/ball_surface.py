@@ -57,13 +57,13 @@ def _marked(pattern: str, directions: NDArray[np.float64]) -> NDArray[np.bool_]:
 def dot_centers() -> NDArray[np.float64]:
     """Return the unit vectors (n, 3) of the dots' middles, without any symmetry."""
     rng = np.random.default_rng(DOT_SEED)
-    found: list[NDArray[np.float64]] = []
-    while len(found) < DOT_COUNT:
+    centers: list[NDArray[np.float64]] = []
+    while len(centers) < DOT_COUNT:
         place = rng.normal(size=3)
         place /= np.linalg.norm(place)
-        if all(place @ other < np.cos(2.6 * DOT_RADIUS) for other in found):
-            found.append(place)
-    return np.array(found)
+        if all(place @ other < np.cos(2.6 * DOT_RADIUS) for other in centers):
+            centers.append(place)
+    return np.array(centers)
 
 
 @lru_cache(maxsize=1)

@@ -155,16 +155,16 @@ class ColorCamera:
         for ball in balls:
             center = self._camera.to_optical(ball.center)
             depth, _ = cast_sphere(rays, center, ball.radius)
-            seen = (depth > 0.0) & (depth < nearest)
-            nearest[seen] = depth[seen]
-            own = rays[seen]
-            normals = (depth[seen][:, None] * own - center) / ball.radius
-            back = -own / np.linalg.norm(own, axis=1, keepdims=True)
+            nearer = (depth > 0.0) & (depth < nearest)
+            nearest[nearer] = depth[nearer]
+            directions = rays[nearer]
+            normals = (depth[nearer][:, None] * directions - center) / ball.radius
+            back = -directions / np.linalg.norm(directions, axis=1, keepdims=True)
             to_world = self._camera.rotation.T
             normals, back = normals @ to_world, back @ to_world
             factor, highlight = self._light.shading(normals, back)
             reflectance = ball.surface.reflectance(normals @ ball.orientation)
-            colors[seen] = 255.0 * (reflectance * factor[:, None] + highlight[:, None])
+            colors[nearer] = 255.0 * (reflectance * factor[:, None] + highlight[:, None])
         return colors
 
     def _with_noise(self, image: NDArray[np.float64]) -> NDArray[np.uint8]:

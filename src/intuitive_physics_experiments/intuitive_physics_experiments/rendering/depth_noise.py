@@ -163,19 +163,19 @@ class NoisyDepthCamera:
         """Disparity level and its σ, both in levels, and the chance of loss in 1/65536."""
         noise = self._noise
         depth = _fattened(image.depth, noise)
-        seen = depth > 0.0
-        safe = np.where(seen, depth, 1.0)
-        level = np.where(seen, self._levels_per_inverse_metre / safe, 0.0)
+        is_measured = depth > 0.0
+        safe = np.where(is_measured, depth, 1.0)
+        level = np.where(is_measured, self._levels_per_inverse_metre / safe, 0.0)
         # dD/dz = -D / z
-        sigma = np.where(seen, noise.sigma(safe) * level / safe, 0.0)
+        sigma = np.where(is_measured, noise.sigma(safe) * level / safe, 0.0)
         angle = np.degrees(np.arccos(np.clip(image.incidence_cosine, 0.0, 1.0)))
         grazing = (angle - noise.grazing_start) / (noise.grazing_end - noise.grazing_start)
         kept = (1.0 - np.clip(grazing, 0.0, 1.0)) * (1.0 - noise.random_loss)
         edges = _edges(depth, noise.edge_jump)
         kept[edges] *= 1.0 - noise.edge_loss
-        kept[~seen | self._shadow(level)] = 0.0
+        kept[~is_measured | self._shadow(level)] = 0.0
         if noise.flying > 0.0:
-            level = self._with_flying(level, edges & seen)
+            level = self._with_flying(level, edges & is_measured)
         loss = np.minimum(np.rint((1.0 - kept) * _RANDOM_LEVELS), _RANDOM_LEVELS)
         return level.astype(np.float32), sigma.astype(np.float32), loss.astype(np.int32)
 

@@ -74,13 +74,13 @@ class DepthRenderer:
         A ball that reaches behind the camera's image plane is an error.
         """
         optical = [self.camera.to_optical(finite_array(c, "ball center", (3,))) for c in centers]
-        own = [self._ball_region(c, radius) for c, radius in zip(optical, radii, strict=True)]
-        region = _union([part for part in own if not part.empty])
+        regions = [self._ball_region(c, radius) for c, radius in zip(optical, radii, strict=True)]
+        region = _union([part for part in regions if not part.empty])
         crop = (region.rows, region.columns)
         depth = self.background.depth[crop].copy()
         cosine = self.background.incidence_cosine[crop].copy()
         owner = np.full(depth.shape, -1, dtype=np.int16)
-        for k, (center, radius, part) in enumerate(zip(optical, radii, own, strict=True)):
+        for k, (center, radius, part) in enumerate(zip(optical, radii, regions, strict=True)):
             if part.empty:
                 continue
             inside = _relative(part, region)

@@ -37,8 +37,8 @@ from intuitive_physics_predictor.scores.outcomes import Outcome
 
 WINDOW = 7  # Points of a stretch that a parabola is laid through to see the noise
 
-# m on each axis: the error that is the same in all frames, which no parabola shows, of a camera whose
-# detections do not state it. Of rendered cameras, whose truth is known, it is 0.6 to 1.4 mm.
+# m on each axis: the error that is the same in all frames, which no parabola shows, of a camera
+# whose detections do not state it. Of rendered cameras, whose truth is known, it is 0.6 to 1.4 mm.
 SYSTEMATIC = 1e-3
 
 SAME_TIME = 1e-3  # s between points of two objects that count as seen at once

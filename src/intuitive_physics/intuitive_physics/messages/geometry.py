@@ -70,10 +70,7 @@ def pose_to_message(position: ArrayLike, orientation: ArrayLike, make: MakeMessa
 
 def identity_pose(make: MakeMessage) -> Any:
     """Return the pose at the origin, not turned, as a message."""
-    return make("geometry_msgs/msg/Pose")(
-        position=make("geometry_msgs/msg/Point")(x=0.0, y=0.0, z=0.0),
-        orientation=make("geometry_msgs/msg/Quaternion")(x=0.0, y=0.0, z=0.0, w=1.0),
-    )
+    return pose_to_message((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), make)
 
 
 def xyz(message: Any) -> tuple[float, float, float]:

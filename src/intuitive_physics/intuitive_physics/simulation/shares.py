@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Generic, TypeVar
@@ -34,12 +35,12 @@ def run_in_shares(
     if helpers < 1:
         roll(0, worlds)
         return
-    shares = _Shares(worlds, PIECES * (helpers + 1), max(1, smallest_share // 2))
+    shares = _shares(worlds, PIECES * (helpers + 1), max(1, smallest_share // 2))
     work = [_helpers().submit(_roll_all, roll, shares) for _ in range(helpers)]
     try:
         _roll_all(roll, shares)
     finally:
-        shares.close()
+        shares.clear()
         # One that has not begun by now would find nothing left.
         begun = [one for one in work if not one.cancel()]
         for one in begun:
@@ -69,35 +70,26 @@ class ThreadScratch(Generic[Room]):
         return room
 
 
-class _Shares:
-    """Hands out ranges of worlds, smaller ones towards the end."""
-
-    def __init__(self, worlds: int, parts: int, smallest: int) -> None:
-        self._lock = threading.Lock()
-        self._next, self._worlds = 0, worlds
-        self._parts, self._smallest = parts, smallest
-
-    def take(self) -> tuple[int, int] | None:
-        """Return the first and the last world (exclusive) of a share, None where none is left."""
-        with self._lock:
-            first = self._next
-            left = self._worlds - first
-            if left <= 0:
-                return None
-            self._next = first + min(left, max(self._smallest, left // self._parts))
-            return first, self._next
-
-    def close(self) -> None:
-        """Hand out no more."""
-        with self._lock:
-            self._next = self._worlds
+def _shares(worlds: int, parts: int, smallest: int) -> deque[tuple[int, int]]:
+    """Return ranges of worlds (first, last exclusive), smaller ones towards the end."""
+    shares: deque[tuple[int, int]] = deque()
+    first = 0
+    while first < worlds:
+        left = worlds - first
+        last = first + min(left, max(smallest, left // parts))
+        shares.append((first, last))
+        first = last
+    return shares
 
 
-def _roll_all(roll: Callable[[int, int], None], shares: _Shares) -> None:
-    share = shares.take()
-    while share is not None:
+def _roll_all(roll: Callable[[int, int], None], shares: deque[tuple[int, int]]) -> None:
+    """Roll out the shares that no other thread takes."""
+    while True:
+        try:
+            share = shares.popleft()
+        except IndexError:
+            return
         roll(*share)
-        share = shares.take()
 
 
 _pools: list[ThreadPoolExecutor] = []

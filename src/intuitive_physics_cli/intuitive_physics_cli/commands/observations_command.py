@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -75,12 +75,16 @@ def _list(options: argparse.Namespace) -> None:
         entries = store.entries(statuses=options.status, limit=options.limit or -1, newest=True)
         counts = store.counts()
     if options.json:
-        data = [entry.to_dict() for entry in entries]
-        print(json.dumps({"counts": counts, "observations": data}, indent=2, ensure_ascii=False))
+        _print_entries(counts, "observations", entries)
         return
     if entries:
         print(format_table(HEADER, [_row(entry) for entry in entries]))
     print(f"{len(entries)} of {sum(counts.values())} observations: {_counted(counts)}")
+
+
+def _print_entries(counts: dict[str, int], name: str, entries: Sequence[Any]) -> None:
+    data = {"counts": counts, name: [entry.to_dict() for entry in entries]}
+    print(json.dumps(data, indent=2, ensure_ascii=False))
 
 
 def _row(entry: Any) -> tuple[str, ...]:
@@ -144,8 +148,7 @@ def _check(options: argparse.Namespace) -> None:
     with open_database(options.database) as store:
         unreadable, counts = store.check(), store.counts()
     if options.json:
-        data = [entry.to_dict() for entry in unreadable]
-        print(json.dumps({"counts": counts, "unreadable": data}, indent=2, ensure_ascii=False))
+        _print_entries(counts, "unreadable", unreadable)
         return
     for entry in unreadable:
         print(f"{entry.id} cannot be read: {entry.reason}")

@@ -5,14 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import benchmark_pages
 import command_pages
 import interface_pages
-import layout_pages
-import learning_tables
 import library_pages
 import node_pages
 import setting_pages
+import table_pages
 from sphinx.application import Sphinx
 
 MAKERS = (
@@ -20,10 +18,8 @@ MAKERS = (
     interface_pages,
     command_pages,
     library_pages,
-    benchmark_pages,
-    layout_pages,
-    learning_tables,
     setting_pages,
+    table_pages,
 )
 """Modules whose `pages` returns pages by name."""
 

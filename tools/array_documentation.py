@@ -93,9 +93,9 @@ def _texts(owner: ast.AST, method: str, classes: Classes) -> list[str]:
     texts = [ast.get_docstring(owner) or ""]
     texts += [ast.get_docstring(node) or "" for node in methods if node.name == method]
     for base in owner.bases:
-        found = classes.get(ast.unparse(base).split("[")[0].split(".")[-1])
-        if found not in (None, owner):
-            texts += _texts(found, method, classes)
+        base_class = classes.get(ast.unparse(base).split("[")[0].split(".")[-1])
+        if base_class not in (None, owner):
+            texts += _texts(base_class, method, classes)
     return texts
 
 

@@ -124,8 +124,8 @@ def policies() -> str:
     policy = ElementTree.Element("policy", version="0.2.0")
     enclaves = ElementTree.SubElement(policy, "enclaves")
     every = rules()
-    for name, own in {**every, "operator": operator(every.values())}.items():
-        _add(enclaves, name, own)
+    for name, node_rules in {**every, "operator": operator(every.values())}.items():
+        _add(enclaves, name, node_rules)
     ElementTree.indent(policy)
     return f"{HEADING}{ElementTree.tostring(policy, encoding='unicode')}\n"
 
@@ -133,33 +133,42 @@ def policies() -> str:
 def rules() -> dict[str, Rules]:
     """Return what each node may do, by the name of its executable."""
     pages, reader = _reader()
-    found = {}
+    by_module = {}
     for module, node in pages.node_classes(ROOT).items():
         plays_a_bag = module == pages.BAG_TOPICS
-        own = Rules(
+        node_rules = Rules(
             pages.node_name(node),
             publish=set(LOGGING),
             subscribe=set(CLOCKS),
             reply=set(PARAMETER_SERVICES),
         )
         for endpoint in reader.endpoints(node, plays_a_bag=plays_a_bag):
-            _allow(own, endpoint, module)
+            _allow(node_rules, endpoint, module)
         if issubclass(node, ManagedNode):
-            own.reply.update(LIFECYCLE_SERVICES)
-            own.publish.add(TRANSITIONS)
+            node_rules.reply.update(LIFECYCLE_SERVICES)
+            node_rules.publish.add(TRANSITIONS)
         if module in LOOKS_UP:
-            own.subscribe.update(TRANSFORMS)
-        found[module] = own
-    inputs = {name for own in found.values() for name in own.subscribe if "~" not in name}
-    found[pages.BAG_TOPICS].publish.update(inputs, RECORDED_ELSEWHERE)
-    return found
+            node_rules.subscribe.update(TRANSFORMS)
+        by_module[module] = node_rules
+    inputs = {
+        name
+        for node_rules in by_module.values()
+        for name in node_rules.subscribe
+        if "~" not in name
+    }
+    by_module[pages.BAG_TOPICS].publish.update(inputs, RECORDED_ELSEWHERE)
+    return by_module
 
 
 def operator(nodes: Collection[Rules]) -> Rules:
     """Return what people and their tools may do, where nodes have certain rules."""
 
     def all_of(right: str) -> set[str]:
-        return {name.replace("~", own.node, 1) for own in nodes for name in getattr(own, right)}
+        return {
+            name.replace("~", node_rules.node, 1)
+            for node_rules in nodes
+            for name in getattr(node_rules, right)
+        }
 
     return Rules(
         # Tools have a node of another name each time, whose parameters nobody asks for.
@@ -180,13 +189,13 @@ def _reader() -> tuple[Any, Any]:
     return importlib.import_module("node_pages"), importlib.import_module("ros_endpoints")
 
 
-def _allow(own: Rules, endpoint: Any, module: str) -> None:
+def _allow(node_rules: Rules, endpoint: Any, module: str) -> None:
     rights = {"publishes": "publish", "subscribes": "subscribe", "service": "reply"}
     if "{" in endpoint.name:
         # Only who starts the node knows such names, and allows them.
         return
     names = {endpoint.name, *_connected(endpoint.name, module)}
-    getattr(own, rights.get(endpoint.role, "execute")).update(names)
+    getattr(node_rules, rights.get(endpoint.role, "execute")).update(names)
 
 
 def _connected(name: str, module: str) -> Iterator[str]:
@@ -199,12 +208,12 @@ def _connected(name: str, module: str) -> Iterator[str]:
                     yield topics[name]
 
 
-def _add(enclaves: ElementTree.Element, enclave: str, own: Rules) -> None:
+def _add(enclaves: ElementTree.Element, enclave: str, node_rules: Rules) -> None:
     element = ElementTree.SubElement(enclaves, "enclave", path=f"{ENCLAVES}/{enclave}")
     profiles = ElementTree.SubElement(element, "profiles")
-    profile = ElementTree.SubElement(profiles, "profile", ns="/", node=own.node)
+    profile = ElementTree.SubElement(profiles, "profile", ns="/", node=node_rules.node)
     for several, one, right in ELEMENTS:
-        _add_names(profile, several, one, right, getattr(own, right))
+        _add_names(profile, several, one, right, getattr(node_rules, right))
 
 
 def _add_names(

@@ -54,13 +54,13 @@ def values(repository: Path) -> dict[str, dict[str, str]]:
 
 def _constants(repository: Path) -> dict[str, dict[str, str]]:
     """Return the constants of public modules by folder and lower-case name."""
-    found: dict[str, dict[str, str]] = {}
+    constants: dict[str, dict[str, str]] = {}
     for manifest in sorted((repository / "src").glob("*/setup.py")):
         for module in public_modules(manifest.parent / manifest.parent.name):
             for name, value in vars(importlib.import_module(module)).items():
                 if name.isupper() and isinstance(value, int | float | tuple):
-                    found.setdefault(module.split(".")[-2], {})[name.lower()] = words(value)
-    return found
+                    constants.setdefault(module.split(".")[-2], {})[name.lower()] = words(value)
+    return constants
 
 
 def words(value: Any) -> str:

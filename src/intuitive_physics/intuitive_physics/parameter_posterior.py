@@ -152,13 +152,13 @@ class ParameterPosterior:
         """
         space = ParameterSpace(parameters.materials, widened_bounds(bounds or {}, parameters))
         mean = space.to_unit(parameters)
-        known = np.flatnonzero(identified & ~np.isnan(standard_deviations))
-        rows = space.slopes(mean)[known]
+        informed = np.flatnonzero(identified & ~np.isnan(standard_deviations))
+        rows = space.slopes(mean)[informed]
         lengths = np.linalg.norm(rows, axis=1)
-        known, rows, lengths = (each[lengths > 0.0] for each in (known, rows, lengths))
-        deviations = np.maximum(standard_deviations[known], lengths / LARGEST_SINGULAR_VALUE)
+        informed, rows, lengths = (each[lengths > 0.0] for each in (informed, rows, lengths))
+        deviations = np.maximum(standard_deviations[informed], lengths / LARGEST_SINGULAR_VALUE)
         ends = np.full((space.size, 2), np.nan)
-        ends[known] = unit_intervals(space, parameters, intervals)[known]
+        ends[informed] = unit_intervals(space, parameters, intervals)[informed]
         factor = rows / deviations[:, None]
         return ParameterPosterior(space.materials, mean, factor, space.bounds, ends)
 

@@ -160,8 +160,8 @@ class TruncatedGaussian:
         self, members: NDArray[np.int64], rng: np.random.Generator
     ) -> NDArray[np.float64]:
         """Return the covariance of correlated parameters: in closed form far from all bounds."""
-        own = self.factor[:, members]
-        values, vectors = np.linalg.eigh(own.T @ own)
+        columns = self.factor[:, members]
+        values, vectors = np.linalg.eigh(columns.T @ columns)
         if values[0] > 0.0 and np.isnan(self.intervals[members]).all():
             whole = (vectors / values) @ vectors.T
             mean = self.mean[members]

@@ -177,17 +177,17 @@ def _distance_to_box(
 
 def _gap_of_boxes(
     apart: NDArray[np.float64],
-    own: list[NDArray[np.float64]],
-    other: list[NDArray[np.float64]],
+    first: list[NDArray[np.float64]],
+    second: list[NDArray[np.float64]],
 ) -> NDArray[np.float64]:
     """Widest gap of two boxes whose centres are `apart`, by their half edges as vectors (…, 3)."""
-    shape = np.broadcast_shapes(apart.shape, own[0].shape, other[0].shape)[:-1]
+    shape = np.broadcast_shapes(apart.shape, first[0].shape, second[0].shape)[:-1]
     widest = np.full(shape, -np.inf)
-    scales = [np.linalg.norm(half, axis=-1, keepdims=True) for half in (*own, *other)]
-    units = [half / scale for half, scale in zip((*own, *other), scales, strict=True)]
+    scales = [np.linalg.norm(half, axis=-1, keepdims=True) for half in (*first, *second)]
+    units = [half / scale for half, scale in zip((*first, *second), scales, strict=True)]
     for axis in [*units, *(np.cross(x, y) for x in units[:3] for y in units[3:])]:
         length = np.linalg.norm(axis, axis=-1)
-        reach = sum(np.abs((half * axis).sum(axis=-1)) for half in (*own, *other))
+        reach = sum(np.abs((half * axis).sum(axis=-1)) for half in (*first, *second))
         gap = (np.abs((apart * axis).sum(axis=-1)) - reach) / np.maximum(length, 1e-300)
         # Parallel edges have no direction across them: the faces' normals decide.
         widest = np.where(length > 1e-6, np.maximum(widest, gap), widest)

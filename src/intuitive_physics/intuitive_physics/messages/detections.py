@@ -78,11 +78,11 @@ def _spin_fields(spin: SeenSpin | None, start_time: float) -> dict[str, Any]:
 
 def _spin(message: Any, start_time: float) -> SeenSpin | None:
     """Return the spin that was seen; None where none was, and of a definition without spins."""
-    seen = getattr(message, "spin", ())
-    if len(seen) == 0:
+    numbers = getattr(message, "spin", ())
+    if len(numbers) == 0:
         return None
     with in_field("spin"):
-        mean = flat_array(seen, (3,))
+        mean = flat_array(numbers, (3,))
     with in_field("spin_covariance"):
         covariance = symmetric_matrices(flat_array(message.spin_covariance, (6,)))
         return SeenSpin(mean, covariance, message.spin_since + start_time)

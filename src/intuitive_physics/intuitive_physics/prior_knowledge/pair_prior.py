@@ -167,19 +167,19 @@ def with_pair_prior(
     suggested = pair_suggestions(posterior, settings)
     materials = posterior.materials if materials is None else tuple(materials)
     old, new = parameter_places(posterior.materials, materials)
-    known = posterior.extended(materials)
+    extended = posterior.extended(materials)
     useful = suggested.standard_deviations[old] < np.sqrt(UNIFORM_VARIANCE) * (1.0 - NEGLIGIBLE)
-    useful &= np.isnan(known.intervals[new, 0])
+    useful &= np.isnan(extended.intervals[new, 0])
     old, new = old[useful], new[useful]
-    centres, added = known.mean.copy(), np.zeros(known.mean.size)
+    centres, added = extended.mean.copy(), np.zeros(extended.mean.size)
     centres[new], added[new] = matching_truncated_normals(
         suggested.mean[old], suggested.standard_deviations[old]
     )
     # Where both are zero, any number above zero leaves the mean as it is.
-    whole = known.information + np.diag(np.where(added > 0.0, added, UNIFORM_PRECISION))
-    step = np.linalg.solve(whole, added * (centres - known.mean))
-    mean = np.clip(known.mean + step, 0.0, 1.0)
-    return known.combined(np.diag(np.sqrt(added))[added > 0.0], mean)
+    whole = extended.information + np.diag(np.where(added > 0.0, added, UNIFORM_PRECISION))
+    step = np.linalg.solve(whole, added * (centres - extended.mean))
+    mean = np.clip(extended.mean + step, 0.0, 1.0)
+    return extended.combined(np.diag(np.sqrt(added))[added > 0.0], mean)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,19 +197,19 @@ class _Evidence:
 
         A combination of pairs whose information is below `least`, per width², does not count.
         """
-        own = posterior.factor[:, places]
+        columns = posterior.factor[:, places]
         others = np.delete(posterior.factor, places, axis=1)
         ends = posterior.intervals[places]
         sided = ~np.isnan(ends[:, 0])
         values = np.where(sided, ends.mean(axis=1), posterior.mean[places])
         widths = np.where(sided, ends[:, 1] - ends[:, 0], 0.0)
-        touching = own.any(axis=1)
-        own, others = own[touching], others[touching]
+        touching = columns.any(axis=1)
+        columns, others = columns[touching], others[touching]
         # Within an interval, any value is as good: an error of a uniform distribution.
-        noise = np.eye(len(own)) + UNIFORM_VARIANCE * (
-            others @ others.T + (own * widths**2) @ own.T
+        noise = np.eye(len(columns)) + UNIFORM_VARIANCE * (
+            others @ others.T + (columns * widths**2) @ columns.T
         )
-        factor = compressed(np.asarray(np.linalg.solve(np.linalg.cholesky(noise), own), float))
+        factor = compressed(np.asarray(np.linalg.solve(np.linalg.cholesky(noise), columns), float))
         factor = factor[(factor**2).sum(axis=1) >= least]
         return _Evidence(factor, factor @ (values - 0.5))
 
@@ -267,9 +267,11 @@ class _Member:
         """
         mixed, factor = self._mixed, self._factor
         precise_mixed, precise_factor = self._precision @ mixed, self._precision @ factor
-        own = np.einsum("rp,rp->p", factor, precise_factor)
+        information = np.einsum("rp,rp->p", factor, precise_factor)
         crossed = np.einsum("rp,rp->p", mixed, precise_factor)
-        share = np.divide(crossed, own, out=np.zeros_like(own), where=own > 0.0)
+        share = np.divide(
+            crossed, information, out=np.zeros_like(information), where=information > 0.0
+        )
         mean = mixed.T @ self._weighted - share * (factor.T @ self._weighted)
         explained = np.einsum("rp,rp->p", mixed, precise_mixed) - share * crossed
         variance = np.diag(self._covariance) - explained
@@ -306,11 +308,13 @@ def matching_truncated_normals(
     ends = 0.5 * np.sign(wanted)
     outside = (precisions <= 0.0) | (np.abs(centres) > 0.5)
     for end in (-0.5, 0.5):
-        own = outside & (ends == end)
+        group = outside & (ends == end)
         squares = -0.5 * (PLACES - end) ** 2
-        target = -0.5 * (variances[own] + (wanted[own] - end) ** 2)
-        found = _largest_entropy(squares[None], target[:, None], 1 / variances[own, None])
-        precisions[own], centres[own] = found[:, 0], end
+        target = -0.5 * (variances[group] + (wanted[group] - end) ** 2)
+        natural_at_end = _largest_entropy(
+            squares[None], target[:, None], 1 / variances[group, None]
+        )
+        precisions[group], centres[group] = natural_at_end[:, 0], end
     flat = (precisions <= 0.0) | (ends == 0.0) & outside
     return np.where(flat, 0.5, 0.5 + centres), np.where(flat, 0.0, precisions)
 

@@ -71,14 +71,14 @@ def guard_run(terminate: Callable[[], Any] = lambda: sys.exit(TERMINATED)) -> No
 
 def _makes() -> list[int]:
     """Return a file descriptor of each `make` that runs this process."""
-    found: list[int] = []
+    descriptors: list[int] = []
     pid, level = os.getppid(), int(os.environ.get("MAKELEVEL") or 0)
-    while pid > 1 and len(found) < level:
+    while pid > 1 and len(descriptors) < level:
         name, _, rest = Path(f"/proc/{pid}/stat").read_text().partition("(")[2].rpartition(")")
         if name.endswith("make"):
-            found.append(os.pidfd_open(pid))
+            descriptors.append(os.pidfd_open(pid))
         pid = int(rest.split()[1])
-    return found
+    return descriptors
 
 
 def bound_command(module: str, *arguments: str) -> list[str]:

@@ -88,15 +88,15 @@ def end_all(mark: bytes) -> None:
     """
     end = time.monotonic() + ENDING
     while time.monotonic() < end:
-        found = list(_marked_or_exiting(mark))
-        if not found:
+        processes = list(_marked_or_exiting(mark))
+        if not processes:
             return
-        for process, is_marked in found:
+        for process, is_marked in processes:
             if is_marked:
                 _send(process, signal.SIGKILL)
         # What a marked process has started meanwhile must not wait for the slowest to end.
         time.sleep(0.02)
-        for process, _ in found:
+        for process, _ in processes:
             os.close(process)
 
 

@@ -13,8 +13,8 @@ from intuitive_physics.state import ObjectState
 
 def warm_up() -> None:
     """Compile all kernels of the simulation, or load them from the cache."""
-    for one in WARM_UPS:
-        one()
+    for function in WARM_UPS:
+        function()
 
 
 def warm_up_event_driven() -> None:

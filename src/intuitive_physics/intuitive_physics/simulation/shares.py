@@ -42,12 +42,12 @@ def run_in_shares(
     finally:
         shares.clear()
         # One that has not begun by now would find nothing left.
-        begun = [one for one in work if not one.cancel()]
-        for one in begun:
-            one.exception()
-    for one in begun:
+        begun = [task for task in work if not task.cancel()]
+        for task in begun:
+            task.exception()
+    for task in begun:
         # Raises what a thread has raised.
-        one.result()
+        task.result()
 
 
 class ThreadScratch(Generic[Room]):

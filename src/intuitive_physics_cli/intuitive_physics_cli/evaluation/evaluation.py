@@ -96,8 +96,10 @@ def evaluate(
     Learning starts from θ_s `start` and is compared with it; None: the defaults.
     """
     training, test = split(observations, train_fraction, options.seed)
-    known = None if start is None else _not_learned(start)
-    result = learn(training, make_engine(engine), options, previous=known, on_progress=on_progress)
+    starting = None if start is None else _not_learned(start)
+    result = learn(
+        training, make_engine(engine), options, previous=starting, on_progress=on_progress
+    )
     learned = result.learned.parameters
     default = StaticParameters.uniform(learned.materials) if start is None else start
     predictors: dict[str, Callable[[Sequence[Observation]], Paths]] = {

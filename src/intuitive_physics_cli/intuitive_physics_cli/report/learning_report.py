@@ -60,7 +60,7 @@ STATE_KNOWN = (
 """The beginning of predictions after the first part, plain text."""
 
 
-def prediction_sections(predicted: Predicted, title: str, known: str) -> list[str]:
+def prediction_sections(predicted: Predicted, title: str, knowledge: str) -> list[str]:
     """Return sections of the worst cases, of all cases, and of calibration; none without cases.
 
     `title` and `known`, what the predictions knew, are plain text.
@@ -81,7 +81,7 @@ def prediction_sections(predicted: Predicted, title: str, known: str) -> list[st
             introduction=f"The {len(shown)} worst of {len(worst)}; the number is the mean distance "
             "between the mean of the prediction and what was seen. Drag to turn, scroll to zoom.",
         ),
-        _calibration(predicted, known + _left_out(predicted.left_out)),
+        _calibration(predicted, knowledge + _left_out(predicted.left_out)),
     ]
 
 
@@ -109,7 +109,7 @@ def _left_out(count: int) -> str:
     )
 
 
-def _calibration(predicted: Predicted, known: str) -> str:
+def _calibration(predicted: Predicted, knowledge: str) -> str:
     moments = [(f"After the first {FIRST_PART:g} s", "coverage", predicted.cases)]
     if predicted.bounced:
         title = f"After {AFTER_BOUNCE} detections since the first bounce"
@@ -117,7 +117,7 @@ def _calibration(predicted: Predicted, known: str) -> str:
     return section(
         "Is the spread honest?",
         *(_calibration_at(*moment) for moment in moments),
-        introduction=f"{html.escape(known)} Balls are predicted again from what was seen until "
+        introduction=f"{html.escape(knowledge)} Balls are predicted again from what was seen until "
         f"{AFTER_BOUNCE} detections after their first bounce. Shares are of the points seen after "
         "that which lie in the regions of the predictions. ± is the binomial standard error of as "
         "many motions, as the points of one go together; the band in the plot is as wide. Below "

@@ -130,7 +130,7 @@ def parameter_section(learned: LearnedParameters, true: StaticParameters | None 
     names = parameter_names(learned.materials)
     values = parameter_vector(learned.parameters)
     default = parameter_vector(StaticParameters.uniform(learned.materials))
-    known = None if true is None else parameter_vector(true.extended(learned.materials))
+    truth = None if true is None else parameter_vector(true.extended(learned.materials))
     notes = parameter_notes(learned)
     rows = []
     for i in np.flatnonzero(learned.identified):
@@ -138,10 +138,10 @@ def parameter_section(learned: LearnedParameters, true: StaticParameters | None 
         row += _spread(
             names[i], values[i], learned.standard_deviations[i], learned.intervals[i].tolist()
         )
-        row += [] if known is None else [f"{known[i]:.4g}"]
+        row += [] if truth is None else [f"{truth[i]:.4g}"]
         rows.append([*row, f"{default[i]:.4g}", notes[i]])
     header = ["parameter", "learned", "± σ", "95 % interval"]
-    header += [*([] if known is None else ["true"]), "default", ""]
+    header += [*([] if truth is None else ["true"]), "default", ""]
     unknown = unidentified(learned)
     missing = (
         "<details><summary>Not identified by these observations</summary>"

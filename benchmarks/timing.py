@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.peers.engine import Engine, Prepared
+from benchmarks.peers.ours import NAMES
 from benchmarks.scenes import STEPS, TIME_STEP, Instance
 
 TURN = 0.02
@@ -47,6 +48,11 @@ def measure(engines: Sequence[Engine], instance: Instance, repetitions: int) -> 
                 turns[name].append(_turn(world))
     seconds = {name: statistics.median(values) for name, values in turns.items()}
     return Measured(seconds, positions)
+
+
+def own_engine(measured: Measured) -> str:
+    """Return the engine of ours that `auto` picks for a scene: the first that simulates it."""
+    return next(name for name in NAMES if name in measured.seconds)
 
 
 def ratio(measured: Sequence[Measured], slow: str, fast: str) -> float:

@@ -35,10 +35,10 @@ REAL_DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "real"
 """Recordings of others, beside the clone."""
 
 EVALUATIONS, QUICK_EVALUATIONS = 120, 20
-"""Of the cost that a filter is tuned by, from parameters that an earlier tuning found."""
+"""Evaluations of the cost that a filter is tuned by, from parameters of an earlier tuning."""
 
 LARGEST_ERROR = 0.2
-"""m; what is further off counts as that far when a filter is tuned."""
+"""m; a larger error counts as that when a filter is tuned."""
 
 MOST_SPIN_ERROR, MOST_OVER_FILTER = 0.25, 0.7
 """Bars: relative error of the spin across the flight, error beyond the bounce over a filter's."""
@@ -46,18 +46,11 @@ MOST_SPIN_ERROR, MOST_OVER_FILTER = 0.25, 0.7
 
 @dataclass(frozen=True)
 class Peer:
-    """A filter to tune.
-
-    Parameters
-    ----------
-    name : what it is called
-    start : parameters that the tuning starts from
-    stamped : whether it takes the times as stamped instead of those of the frames
-    """
+    """A filter to tune."""
 
     name: str
-    start: FilterParameters
-    stamped: bool = False
+    start: FilterParameters  # of the tuning
+    stamped: bool = False  # whether it takes the times as stamped instead of those of the frames
 
 
 SLIPS_OR_ROLLS = FilterParameters(
@@ -82,8 +75,8 @@ PEERS = (
 )
 """Filters, all tuned on the flights that ours learns from."""
 
-Errors = dict[str, tuple[float, float, float, float]]
-"""By way: median error (m) beyond the bounce and beyond what was seen, training and test each."""
+Errors = tuple[float, float, float, float]
+"""Median errors in m beyond the bounce, of training and test, then beyond the last row seen."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -104,44 +97,51 @@ def run(options: argparse.Namespace) -> Outcome:
     """Evaluate ours, tune and evaluate the filters."""
     flights = load_spin_flights(options.set)
     evaluation = evaluate_flights(flights, lambda done, total: None)
-    errors = {way: _of_scores(evaluation, way) for way in (SMOOTHED, SPINLESS)}
+    errors = {way: _own_errors(evaluation, way) for way in (SMOOTHED, SPINLESS)}
     for peer in PEERS:
         report_progress(f"tuning the {peer.name}")
         evaluations = QUICK_EVALUATIONS if options.quick else EVALUATIONS
         errors[peer.name] = _filter_errors(peer, flights, evaluations)
+    spin_error = _spin_error(evaluation.test)
+    over_filter = errors[SMOOTHED][1] / errors[LINEAR.name][1]
+    complaints = []
+    if spin_error > MOST_SPIN_ERROR:
+        complaints.append(
+            f"spin across the flight is off by {spin_error:.0%}; expected {MOST_SPIN_ERROR:.0%}"
+        )
+    if over_filter > MOST_OVER_FILTER:
+        complaints.append(
+            f"error over the filter's is {over_filter:.2f}; expected {MOST_OVER_FILTER:g}"
+        )
     figures = {
         "spin_relative_error": {
-            "all": _spin_error(evaluation.test),
+            "all": spin_error,
             "not_contradicted": _spin_error(labelled_well(evaluation.test)),
         },
-        "beyond_bounce_over_filter": errors[SMOOTHED][1] / errors[LINEAR.name][1],
+        "beyond_bounce_over_filter": over_filter,
         "beyond_bounce_over_no_spin": errors[SMOOTHED][1] / errors[SPINLESS][1],
         "beyond_seen_over_filter": errors[SMOOTHED][3] / errors[LINEAR.name][3],
         "median_error_m": {way: list(values) for way, values in errors.items()},
         "test_flights": len(evaluation.test),
     }
-    return Outcome([_table(errors, evaluation)], figures, complaints=_complaints(figures))
+    return Outcome([_table(errors, evaluation)], figures, complaints=complaints)
 
 
 def _spin_error(scores: Sequence[FlightScore]) -> float:
     return float(np.median([score.relative_error for score in scores]))
 
 
-def _of_scores(evaluation: FlightEvaluation, way: str) -> tuple[float, float, float, float]:
-    training, test = evaluation.training, evaluation.test
-    return (
-        float(np.nanmedian([score.beyond_bounce[way] for score in training])),
-        float(np.nanmedian([score.beyond_bounce[way] for score in test])),
-        float(np.nanmedian([score.beyond_seen[way] for score in training])),
-        float(np.nanmedian([score.beyond_seen[way] for score in test])),
+def _own_errors(evaluation: FlightEvaluation, way: str) -> Errors:
+    training, test = (
+        np.nanmedian([(score.beyond_bounce[way], score.beyond_seen[way]) for score in half], axis=0)
+        for half in (evaluation.training, evaluation.test)
     )
+    return float(training[0]), float(test[0]), float(training[1]), float(test[1])
 
 
-def _filter_errors(
-    peer: Peer, flights: Sequence[SpinFlight], evaluations: int
-) -> tuple[float, float, float, float]:
-    """Tune on the training half, then predict both, as `_of_scores`."""
-    timed = [replace(one, times=one.stamps) if peer.stamped else one for one in flights]
+def _filter_errors(peer: Peer, flights: Sequence[SpinFlight], evaluations: int) -> Errors:
+    """Tune on the training half, then predict both."""
+    timed = [replace(flight, times=flight.stamps) if peer.stamped else flight for flight in flights]
     halves = [
         [flight for flight in half if bounces_well(flight)]
         for half in (training_half(timed), test_half(timed))
@@ -164,7 +164,7 @@ def _errors_with(parameters: FilterParameters, flights: Sequence[SpinFlight]) ->
     return np.array([[bounce[""], seen[""]] for bounce, seen in pairs])
 
 
-def _table(errors: Errors, evaluation: FlightEvaluation) -> Table:
+def _table(errors: Mapping[str, Errors], evaluation: FlightEvaluation) -> Table:
     columns = [
         Column("way to predict"),
         Column("beyond the bounce, training", "mm", ".1f"),
@@ -180,20 +180,6 @@ def _table(errors: Errors, evaluation: FlightEvaluation) -> Table:
         f"{len(evaluation.test)} that were not."
     )
     return Table("Flights with measured spin", columns, rows, note)
-
-
-def _complaints(figures: Mapping[str, object]) -> list[str]:
-    spin = figures["spin_relative_error"]
-    assert isinstance(spin, dict)
-    found = []
-    if spin["all"] > MOST_SPIN_ERROR:
-        found.append(
-            f"spin across the flight is off by {spin['all']:.0%}; expected {MOST_SPIN_ERROR:.0%}"
-        )
-    ratio = figures["beyond_bounce_over_filter"]
-    if isinstance(ratio, float) and ratio > MOST_OVER_FILTER:
-        found.append(f"error over the filter's is {ratio:.2f}; expected {MOST_OVER_FILTER:g}")
-    return found
 
 
 if __name__ == "__main__":

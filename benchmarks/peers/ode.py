@@ -12,27 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.peers.engine import Engine, MissingPeerError, Prediction, Prepared
-from benchmarks.scenes import Instance, rolling_radius
+from benchmarks.scenes import Instance
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 
-ROOT = Path(__file__).resolve().parents[2]
-"""Of the repository."""
-
-SOURCE = ROOT / "benchmarks/peers/ode_rollout.cpp"
+SOURCE = Path(__file__).parent / "ode_rollout.cpp"
 """The program that simulates with ODE."""
 
-PROGRAM = ROOT / "build/benchmarks/ode_rollout"
-"""The same, compiled."""
+PROGRAM = Path(__file__).resolve().parents[2] / "build/benchmarks/ode_rollout"
+"""The compiled program."""
 
 
 class Ode(Engine):
     """Debian's ODE with its quick stepper and the full contact model.
 
-    Parameters
-    ----------
-    auto_disable : whether bodies that have come to rest are put to sleep, at ODE's defaults
-    boxes_roll : whether boxes, too, have rolling friction, as ODE users give it to all; ours gives
-        it to round objects only
+    `auto_disable` lets bodies at rest sleep, at ODE's defaults. With `boxes_roll` boxes, too, have
+    rolling friction, as ODE users give it to all; ours gives it to round objects only.
     """
 
     def __init__(self, *, auto_disable: bool = False, boxes_roll: bool = True) -> None:
@@ -54,13 +48,7 @@ class Ode(Engine):
 
 
 def compile_program() -> Path:
-    """Compile the program if its source is newer.
-
-    Raises
-    ------
-    MissingPeerError
-        When there is no compiler or no libode.
-    """
+    """Compile the program if its source is newer, or raise `MissingPeerError`."""
     if PROGRAM.exists() and PROGRAM.stat().st_mtime >= SOURCE.stat().st_mtime:
         return PROGRAM
     compiler = shutil.which("g++")
@@ -141,13 +129,11 @@ def _request(
 def _pair_table(instance: Instance) -> NDArray[np.float64]:
     """Return (objects, objects + planes, 4): μ_s, μ_d, rolling arm in m, e."""
     parameters, scene = instance.static_parameters, instance.scene
-    own = [parameters.index(item.material) for item in scene.objects]
-    all_of = own + [parameters.index(plane.material) for plane in scene.environment.planes]
-    table = parameters.coefficients[:, own][:, :, all_of].transpose(1, 2, 0).copy()
-    radii = np.array([rolling_radius(shape) for shape in instance.shapes])
-    radius_of_pair = np.broadcast_to(radii[:, None], (len(own), len(all_of))).copy()
-    radius_of_pair[:, : len(own)] = (radii[:, None] + radii[None, :]) / 2
-    table[..., 2] *= radius_of_pair
+    objects = [parameters.index(item.material) for item in scene.objects]
+    bodies = objects + [parameters.index(plane.material) for plane in scene.environment.planes]
+    table = parameters.coefficients[:, objects][:, :, bodies].transpose(1, 2, 0).copy()
+    # Every pair has the same rolling arm.
+    table[..., 2] = instance.surface.rolling_arm
     return table
 
 

@@ -16,14 +16,7 @@ NAMES = ("event_driven", "stepped")
 
 
 class Ours(Engine):
-    """One of our simulators.
-
-    Parameters
-    ----------
-    simulator : name for `make_simulator`
-    orientations : whether they are asked for, which no peer has to answer
-    threads : worker threads
-    """
+    """One of our simulators, by its name; orientations are asked of no peer."""
 
     def __init__(self, simulator: str, *, orientations: bool = False, threads: int = 1) -> None:
         options = {"orientations": orientations, f"{threads} threads": threads > 1}

@@ -15,7 +15,7 @@ Written from these models; none of the authors' programs was used.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,62 +25,39 @@ RADIUS, MASS, AIR_DENSITY, GRAVITY = 0.020, 0.0027, 1.204, 9.81
 """m, kg, kg/m³, m/s²."""
 
 FIRST_ROWS = 6
-"""Whose straight line starts the filter."""
+"""Rows whose straight line starts the filter."""
 
 SHELL = 1.5
 """1 / κ of a thin shell, by which friction changes the rim's speed more than the ball's."""
 
 STEPS = np.array([1e-4] * 3 + [1e-3] * 3 + [0.1] * 3)
-"""By which states are changed for the derivatives."""
+"""Changes of the state for the derivatives."""
 
 
 @dataclass(frozen=True)
 class FilterParameters:
-    """What the filter is tuned by; the defaults are tuned to flights of a robot's laboratory.
+    """Parameters of the filter; the defaults are tuned to flights of a robot's laboratory."""
 
-    Parameters
-    ----------
-    drag, magnus : C_D and C_M
-    restitution : e
-    share : of the slip that a bounce takes away at most
-    friction : μ of a bounce that slips; None for one that is linear, with the same share always
-    height, slope : m, of the ball's centre at a bounce at y = 0, and how much that grows along y
-    noise : m, standard deviation of a detection across the flight
-    noise_along : m, along y, along which balls fly
-    acceleration : m/s^1.5, density of the process noise of the velocity
-    bounce_noise : m/s, standard deviation that a bounce adds to the velocity
-    spin_deviation : rad/s, before anything was seen, about every axis
-    gate : squared Mahalanobis distance above which a detection is left out
-    """
-
-    drag: float = 0.552
-    magnus: float = 0.321
+    drag: float = 0.552  # C_D
+    magnus: float = 0.321  # C_M
     restitution: float = 0.961
-    share: float = 0.117
+    share: float = 0.117  # largest share of the slip that a bounce takes away
+    # μ of a bounce that slips; None for one that is linear, with the same share always
     friction: float | None = None
-    height: float = -0.0045
-    slope: float = 0.0066
-    noise: float = 0.00095
-    noise_along: float = 0.0054
-    acceleration: float = 0.264
-    bounce_noise: float = 0.189
-    spin_deviation: float = 65.8
-    gate: float = 30.0
+    height: float = -0.0045  # m, of the ball's centre at a bounce at y = 0
+    slope: float = 0.0066  # growth of this height along y
+    noise: float = 0.00095  # m, standard deviation of a detection across the flight
+    noise_along: float = 0.0054  # m, the same along y, along which balls fly
+    acceleration: float = 0.264  # m/s^1.5, density of the process noise of the velocity
+    bounce_noise: float = 0.189  # m/s, standard deviation that a bounce adds to the velocity
+    spin_deviation: float = 65.8  # rad/s about every axis, before the first detection
 
 
-FITTED = (
-    "drag",
-    "magnus",
-    "restitution",
-    "share",
-    "friction",
-    "noise",
-    "noise_along",
-    "acceleration",
-    "bounce_noise",
-    "spin_deviation",
-)
-"""Parameters that `fit_filter` changes, all above zero."""
+NOT_FITTED = ("height", "slope")
+"""Parameters that `fit_filter` leaves; all others are above zero."""
+
+GATE = 30.0
+"""Squared Mahalanobis distance above which a detection is left out."""
 
 
 class TableTennisFilter:
@@ -109,7 +86,7 @@ class TableTennisFilter:
             self._correct(position)
 
     def move_to(self, time: float) -> None:
-        """Let time pass, through a bounce if one comes."""
+        """Predict the state at a time in s, through a bounce if one comes."""
         elapsed = time - self.time
         changed = self.state + np.vstack([np.zeros(9), np.diag(STEPS)])
         moved, bounced = _moved(self._parameters, changed, elapsed)
@@ -124,7 +101,7 @@ class TableTennisFilter:
     def _correct(self, position: NDArray[np.float64]) -> None:
         residual = position - self.state[:3]
         expected = self.covariance[:3, :3] + self._noise
-        if residual @ np.linalg.solve(expected, residual) > self._parameters.gate:
+        if residual @ np.linalg.solve(expected, residual) > GATE:
             return
         gain = np.linalg.solve(expected, self.covariance[:3]).T
         self.state = self.state + gain @ residual
@@ -138,7 +115,7 @@ def filter_prediction(
     positions: NDArray[np.float64],
     asked: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Positions (k, 3) m at times (k,) s after rows that were seen: (n,) s and (n, 3) m."""
+    """Return positions (k, 3) m at asked times (k,) s after the given rows: (n,) s and (n, 3) m."""
     filtered = TableTennisFilter(parameters, times, positions)
     state, now = filtered.state[None], filtered.time
     places = []
@@ -155,27 +132,27 @@ def fit_filter(
     evaluations: int,
 ) -> FilterParameters:
     """Tune the parameters by Nelder and Mead's simplex on their logarithms."""
-    names = [name for name in FITTED if getattr(start, name) is not None]
+    values = {name: value for name, value in asdict(start).items() if name not in NOT_FITTED}
+    names = [name for name, value in values.items() if value is not None]
 
     def changed(logarithms: Sequence[float]) -> FilterParameters:
-        values = np.exp(np.asarray(logarithms)).tolist()
-        return replace(start, **dict(zip(names, values, strict=True)))
+        return replace(start, **dict(zip(names, np.exp(logarithms).tolist(), strict=True)))
 
-    found = minimize(
+    fit = minimize(
         lambda logarithms: cost(changed(logarithms)),
-        np.log([getattr(start, name) for name in names]),
+        np.log([values[name] for name in names]),
         method="Nelder-Mead",
         options={"maxfev": evaluations, "adaptive": True},
     )
-    return changed(found.x)
+    return changed(fit.x)
 
 
 def _moved(
     parameters: FilterParameters, states: NDArray[np.float64], elapsed: float
 ) -> tuple[NDArray[np.float64], bool]:
-    """States (n, 9) some time later, all through a bounce where the first one meets the table."""
+    """Return states (n, 9) after a time in s, all through a bounce where the first one has one."""
     flown = _flown(parameters, states, elapsed)
-    above, below = (_height(parameters, one[0]) for one in (states, flown))
+    above, below = _height(parameters, states[0]), _height(parameters, flown[0])
     if elapsed <= 0.0 or below >= 0.0 or above <= below:
         return flown, False
     until = elapsed * min(max(above / (above - below), 0.0), 1.0)

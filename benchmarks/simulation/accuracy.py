@@ -14,10 +14,10 @@ PEAKS = 2
 """Bounces of a drop whose heights are compared."""
 
 DROP_STEPS = 300
-"""Of a drop; the slowest drop's second peak is at 2.3 s."""
+"""Steps of a drop; the slowest drop's second peak is at 2.3 s."""
 
 PUSH_STEPS = 150
-"""Of a push; sliding ends after 0.22 s."""
+"""Steps of a push; sliding ends after 0.22 s."""
 
 PUSH_SPEED, PUSH_FRICTION = 3.0, 0.4
 """m/s and μ of a push."""
@@ -25,22 +25,14 @@ PUSH_SPEED, PUSH_FRICTION = 3.0, 0.4
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Relative errors of one engine.
+    """Relative errors of one engine; those of a known drop and of rolling are signed."""
 
-    Parameters
-    ----------
-    known_drop : signed errors of the first and second peak of a drop from 1 m with e = 0.7
-    first_median, first_p95 : over random drops, the unsigned error of the first peak
-    drop_median, drop_p95 : the same of the worse of both peaks
-    rolling : signed error of the end speed of a sliding ball against 5/7 v₀
-    """
-
-    known_drop: tuple[float, float]
-    first_median: float
+    known_drop: tuple[float, float]  # of both peaks of a drop from 1 m with e = 0.7
+    first_median: float  # over random drops, of the first peak
     first_p95: float
-    drop_median: float
+    drop_median: float  # the same of the worse of both peaks
     drop_p95: float
-    rolling: float
+    rolling: float  # of the end speed of a sliding ball against 5/7 v₀
 
 
 def accuracy(engine: Engine, drops: int, rng: np.random.Generator) -> Accuracy:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,57 +11,70 @@ from numpy.typing import NDArray
 from benchmarks.peers.ode import Ode
 from benchmarks.peers.ours import Ours
 from benchmarks.scenes import DENSITY, STEPS, TIME_STEP, Instance, Surface, rolling_radius, thrown
+from benchmarks.timing import Measured, own_engine
 
 EARLY = 0.5
-"""Seconds after which trajectories have not yet parted by chance."""
+"""s after which trajectories have not yet parted by chance."""
 
 MOST_ENERGY = 1.02
-"""Of the start's; stepping engines push apart what has penetrated, which costs 1 % at 10 ms."""
-
+"""Largest energy over that at the start; stepping engines push apart what has penetrated, which
+costs 1 % at 10 ms."""
 
 WITNESS_STEPS = (1e-2, 1e-3, 1e-4)
-"""Of ODE, in s, as it is held against `event_driven`."""
+"""s, steps of ODE with which it is compared with `event_driven`."""
 
 MOST_APART = 0.005
-"""m, between both at the last of these; what remains is of the order of ODE's step."""
+"""m, largest distance of both at the last of these; the rest is of the order of ODE's step."""
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """One engine's trajectories of one instance beside those of another.
+    """One engine's trajectories of a scene beside those of ours that `auto` picks.
 
-    Parameters
-    ----------
-    early : m, mean distance from the other engine's positions after EARLY
-    late : m, the same at the end
-    most_energy : largest kinetic energy of translation plus potential energy at any later time,
-        over all energy at the start; above MOST_ENERGY an engine has made energy
-    deepest : m, how far an object's inner radius reached through the floor or a wall at most
+    The energy is the largest kinetic energy of translation plus potential energy at any later time,
+    over all energy at the start; above MOST_ENERGY an engine has made energy.
     """
 
-    early: float
-    late: float
+    scene: str
+    engine: str
+    early: float  # m, mean distance after EARLY
+    late: float  # m, mean distance at the end
+    spread: float  # m, mean distance of noisy copies' end positions from their mean
     most_energy: float
-    deepest: float
+    deepest: float  # m that an object's inner radius reached through the floor or a wall
 
 
-def agreement(
-    instance: Instance, positions: NDArray[np.float64], reference: NDArray[np.float64]
-) -> Agreement:
-    """Compare positions (n_simulations, n_objects, n_steps, 3) with a reference's."""
-    apart = np.linalg.norm(positions - reference, axis=-1)
+def agreements(scenes: Mapping[str, Sequence[tuple[Instance, Measured]]]) -> list[Agreement]:
+    """Compare each engine's trajectories of each scene."""
+    return [
+        _agreement(scene, engine, pairs)
+        for scene, pairs in scenes.items()
+        for engine in pairs[0][1].positions
+        if not engine.endswith("orientations")
+    ]
+
+
+def _agreement(scene: str, engine: str, pairs: Sequence[tuple[Instance, Measured]]) -> Agreement:
+    """Return means over instances, and the largest energy and depth."""
+    early, late, spreads, energies, depths = [], [], [], [], []
+    for instance, measured in pairs:
+        positions = measured.positions[engine]
+        apart = np.linalg.norm(positions - measured.positions[own_engine(measured)], axis=-1)
+        early.append(apart[:, :, round(EARLY / TIME_STEP) - 1].mean())
+        late.append(apart[:, :, -1].mean())
+        ends = positions[:, :, -1]
+        spreads.append(np.linalg.norm(ends - ends.mean(axis=0), axis=-1).mean())
+        energies.append(_most_energy(instance, positions))
+        depths.append(_deepest(instance, positions))
     return Agreement(
-        early=float(apart[:, :, round(EARLY / TIME_STEP) - 1].mean()),
-        late=float(apart[:, :, -1].mean()),
-        most_energy=_most_energy(instance, positions),
-        deepest=_deepest(instance, positions),
+        scene,
+        engine,
+        early=float(np.mean(early)),
+        late=float(np.mean(late)),
+        spread=float(np.mean(spreads)),
+        most_energy=max(energies),
+        deepest=max(depths),
     )
-
-
-def spread(positions: NDArray[np.float64]) -> float:
-    """Return the mean distance in m of noisy copies' end positions from their mean."""
-    ends = positions[:, :, -1]
-    return float(np.linalg.norm(ends - ends.mean(axis=0), axis=-1).mean())
 
 
 def convergence(instances: int, rng: np.random.Generator) -> dict[float, float]:
@@ -85,29 +98,21 @@ def convergence(instances: int, rng: np.random.Generator) -> dict[float, float]:
     return {step: float(np.mean(values)) for step, values in distances.items()}
 
 
-def complaints(
-    rows: Iterable[tuple[str, str, Agreement, float]], converged: Mapping[float, float]
-) -> list[str]:
-    """Return what speaks against the engines simulating the same physics.
-
-    Parameters
-    ----------
-    rows : scene, engine, its agreement with ours, spread of its noisy copies
-    converged : of `convergence`
-    """
-    found = [
-        f"{engine} has {a.most_energy:.3f} times its first energy on {scene}; "
+def complaints(rows: Iterable[Agreement], distances: Mapping[float, float]) -> list[str]:
+    """Return what speaks against the same physics in agreements and distances of convergence."""
+    doubts = [
+        f"{a.engine} has {a.most_energy:.3f} times its first energy on {a.scene}; "
         f"expected at most {MOST_ENERGY:g}"
-        for scene, engine, a, _ in rows
+        for a in rows
         if not a.most_energy <= MOST_ENERGY
     ]
     step = WITNESS_STEPS[-1]
-    if not converged[step] <= MOST_APART:
-        found.append(
-            f"ODE at a step of {1e3 * step:g} ms is {100 * converged[step]:.2f} cm from "
+    if not distances[step] <= MOST_APART:
+        doubts.append(
+            f"ODE at a step of {1e3 * step:g} ms is {100 * distances[step]:.2f} cm from "
             f"event_driven; expected at most {100 * MOST_APART:g} cm"
         )
-    return found
+    return doubts
 
 
 def _most_energy(instance: Instance, positions: NDArray[np.float64]) -> float:

@@ -1,4 +1,4 @@
-"""Turns what was measured into tables, and into the key figures that machines read."""
+"""Tables of the simulation benchmark, and its key figures."""
 
 from __future__ import annotations
 
@@ -12,18 +12,13 @@ from benchmarks.simulation.accuracy import Accuracy
 from benchmarks.simulation.agreement import EARLY, Agreement
 from benchmarks.simulation.scaling import BATCHES, Scaled
 from benchmarks.simulation.start_up import StartUp
-from benchmarks.timing import Measured, ratio, typical_seconds
+from benchmarks.timing import Measured, own_engine, ratio, typical_seconds
 
 REFERENCE = "ODE"
 """Engine that the others are compared with: the paper's."""
 
 
-def own_engine(measured: Measured) -> str:
-    """Return the engine of ours that `auto` picks for a scene: the first that simulates it."""
-    return next(name for name in NAMES if name in measured.seconds)
-
-
-def ratios(scenes: Mapping[str, Sequence[Measured]], reference: str) -> dict[str, float]:
+def _ratios(scenes: Mapping[str, Sequence[Measured]], reference: str) -> dict[str, float]:
     """Return by scene how many times faster ours is than a reference engine."""
     return {
         scene: ratio(measured, reference, own_engine(measured[0]))
@@ -37,7 +32,7 @@ def speed_table(scenes: Mapping[str, Sequence[Measured]], engines: Mapping[str, 
         [name, *(_speed_cell(measured, name) for measured in scenes.values())] for name in engines
     ]
     rows += [
-        [f"ours against {name}", *(f"{r:.3g} ×" for r in ratios(scenes, name).values())]
+        [f"ours against {name}", *(f"{r:.3g} ×" for r in _ratios(scenes, name).values())]
         for name in engines
         if name.startswith(REFERENCE)
     ]
@@ -52,38 +47,22 @@ def speed_table(scenes: Mapping[str, Sequence[Measured]], engines: Mapping[str, 
     )
 
 
-def agreement_table(rows: Iterable[tuple[str, str, Agreement, float]]) -> Table:
-    """Return how far the engines are apart.
-
-    Parameters
-    ----------
-    rows : scene, engine, its agreement with ours, mean distance of its noisy copies in m
-    """
-    return Table(
-        title="The same physics?",
+def agreement_table(rows: Iterable[Agreement]) -> Table:
+    """Return how far the engines are apart."""
+    return Table.of(
+        "The same physics?",
+        rows,
+        [
+            (Column("scene"), lambda a: a.scene),
+            (Column("engine"), lambda a: a.engine),
+            (Column(f"cm from ours after {EARLY:g} s", "cm", ".1f"), lambda a: 100 * a.early),
+            (Column("at the end", "cm", ".1f"), lambda a: 100 * a.late),
+            (Column("spread of its noisy copies", "cm", ".1f"), lambda a: 100 * a.spread),
+            (Column("most energy / first", "", ".3f"), lambda a: a.most_energy),
+            (Column("cm into a wall or floor", "cm", ".1f"), lambda a: 100 * a.deepest),
+        ],
         note="Means over the instances (largest for the last two columns). Bounces part what "
         "starts together: compare the end with the spread, not with zero.",
-        columns=[
-            Column("scene"),
-            Column("engine"),
-            Column(f"cm from ours after {EARLY:g} s", "cm", ".1f"),
-            Column("at the end", "cm", ".1f"),
-            Column("spread of its noisy copies", "cm", ".1f"),
-            Column("most energy / first", "", ".3f"),
-            Column("cm into a wall or floor", "cm", ".1f"),
-        ],
-        rows=[
-            [
-                scene,
-                engine,
-                100 * a.early,
-                100 * a.late,
-                100 * spread,
-                a.most_energy,
-                100 * a.deepest,
-            ]
-            for scene, engine, a, spread in rows
-        ],
     )
 
 
@@ -101,26 +80,30 @@ def convergence_table(distances: Mapping[float, float]) -> Table:
     )
 
 
-def accuracy_table(found: Mapping[str, Accuracy], drops: int) -> Table:
+def accuracy_table(accuracies: Mapping[str, Accuracy], drops: int) -> Table:
     """Return errors against known laws, by engine."""
-    return Table(
-        title=f"Accuracy at a step of {1e3 * TIME_STEP:g} ms",
-        columns=[
-            Column("engine"),
-            Column("drop from 1 m, e = .7: first / second peak"),
-            Column(f"{drops} random drops, first peak: median / 95 %"),
-            Column("worse of both peaks: median / 95 %"),
-            Column("slide → roll, against 5/7 v₀"),
-        ],
-        rows=[
-            [
-                name,
-                " / ".join(_percent(error, "+") for error in a.known_drop),
-                f"{_percent(a.first_median)} / {_percent(a.first_p95)}",
-                f"{_percent(a.drop_median)} / {_percent(a.drop_p95)}",
-                _percent(a.rolling, "+"),
-            ]
-            for name, a in found.items()
+
+    def pair(first: float, second: float, sign: str = "") -> str:
+        return f"{_percent(first, sign)} / {_percent(second, sign)}"
+
+    return Table.of(
+        f"Accuracy at a step of {1e3 * TIME_STEP:g} ms",
+        accuracies.items(),
+        [
+            (Column("engine"), lambda row: row[0]),
+            (
+                Column("drop from 1 m, e = .7: first / second peak"),
+                lambda row: pair(*row[1].known_drop, "+"),
+            ),
+            (
+                Column(f"{drops} random drops, first peak: median / 95 %"),
+                lambda row: pair(row[1].first_median, row[1].first_p95),
+            ),
+            (
+                Column("worse of both peaks: median / 95 %"),
+                lambda row: pair(row[1].drop_median, row[1].drop_p95),
+            ),
+            (Column("slide → roll, against 5/7 v₀"), lambda row: _percent(row[1].rolling, "+")),
         ],
     )
 
@@ -168,7 +151,7 @@ def objects_table(scaled: Sequence[Scaled]) -> Table:
     )
 
 
-def start_up_table(found: StartUp) -> Table:
+def start_up_table(kernels: StartUp) -> Table:
     """Return times of compiling and loading."""
     return Table(
         title="Kernels",
@@ -178,21 +161,21 @@ def start_up_table(found: StartUp) -> Table:
             Column("s of the whole process", "s", ".2f"),
         ],
         rows=[
-            ["compile, empty cache", found.compile_s, found.compile_process_s],
-            ["load from the cache", found.load_s, found.load_process_s],
+            ["compile, empty cache", kernels.compile_s, kernels.compile_process_s],
+            ["load from the cache", kernels.load_s, kernels.load_process_s],
         ],
     )
 
 
 def key_figures(
-    scenes: Mapping[str, Sequence[Measured]], found: Mapping[str, Accuracy], kernels: StartUp
+    scenes: Mapping[str, Sequence[Measured]], accuracies: Mapping[str, Accuracy], kernels: StartUp
 ) -> dict[str, Any]:
     """Return what the last line says."""
     return {
         "ratio_to_ode": {
-            scene: round(value, 1) for scene, value in ratios(scenes, REFERENCE).items()
+            scene: round(value, 1) for scene, value in _ratios(scenes, REFERENCE).items()
         },
-        "peak_error_p95": {name: float(f"{found[name].drop_p95:.3g}") for name in NAMES},
+        "peak_error_p95": {name: float(f"{accuracies[name].drop_p95:.3g}") for name in NAMES},
         "compile_s": round(kernels.compile_s, 2),
         "load_s": round(kernels.load_s, 2),
     }

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.peers.engine import Engine
+from benchmarks.peers.ode import Ode
 from benchmarks.peers.ours import NAMES, Ours
 from benchmarks.scenes import SCENES, SIMULATIONS, STEPS, thrown
 from benchmarks.timing import measure, typical_seconds
@@ -28,14 +28,7 @@ OBJECT_KINDS = {"spheres": ("sphere",), "mixed": ("sphere", "box", "capsule")}
 
 @dataclass(frozen=True)
 class Scaled:
-    """One engine's time on one scene of one size.
-
-    Parameters
-    ----------
-    scene, engine : names
-    simulations, objects, threads : the size
-    seconds : of one prediction of STEPS outputs
-    """
+    """One engine's time of a prediction of STEPS outputs, on one scene of one size."""
 
     scene: str
     engine: str
@@ -46,7 +39,7 @@ class Scaled:
 
     @property
     def nanoseconds(self) -> float:
-        """Of wall time for a body and an output."""
+        """Wall time in ns for a body and an output."""
         return 1e9 * self.seconds / (self.simulations * self.objects * STEPS)
 
 
@@ -66,11 +59,9 @@ def scale_batches(repetitions: int, rng: np.random.Generator) -> Iterator[Scaled
                 yield Scaled(scene, simulator, size, len(kinds), threads, seconds)
 
 
-def scale_objects(
-    peers: Sequence[Engine], instances: int, repetitions: int, rng: np.random.Generator
-) -> Iterator[Scaled]:
-    """Yield times of OBJECTS objects in the room, ours and peers' in turns."""
-    engines = [*(Ours(name) for name in NAMES), *peers]
+def scale_objects(instances: int, repetitions: int, rng: np.random.Generator) -> Iterator[Scaled]:
+    """Yield times of OBJECTS objects in the room, ours and ODE's in turns."""
+    engines = [*(Ours(name) for name in NAMES), Ode()]
     for (scene, kinds), count in itertools.product(OBJECT_KINDS.items(), OBJECTS):
         thrown_kinds = [kinds[i % len(kinds)] for i in range(count)]
         measured = [

@@ -30,12 +30,9 @@ print(time.perf_counter() - start)
 
 @dataclass(frozen=True)
 class StartUp:
-    """Seconds until every engine has answered.
+    """Seconds until every engine has answered, with an empty cache and with a full one.
 
-    Parameters
-    ----------
-    compile_s, load_s : with an empty cache and with a full one, after NumPy and Numba are imported
-    compile_process_s, load_process_s : of the whole process
+    They begin when NumPy and Numba are imported; beside them are those of the whole process.
     """
 
     compile_s: float

@@ -148,8 +148,10 @@ class TrajectoryModel:
     def other_spins(self, estimate: Estimate) -> dict[int, tuple[NDArray[np.float64], float]]:
         """Find spins that explain more than those of an estimate, as `search_spins`.
 
-        Returns, of each observation where there are any, deviations (d,) from its observed initial
-        states, and the time in s up to which they explain more.
+        Returns
+        -------
+        By observation, where there are any, deviations (d,) from its observed initial states, and
+        the time in s up to which they explain more.
         """
         parameters = self.space.to_parameters(estimate.unit)
         others = {}

@@ -13,7 +13,7 @@ from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from math import inf
 from typing import Any, TypeVar
 
-from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.validation import finite_float, name_string
 
 _Settings = TypeVar("_Settings")
@@ -57,9 +57,9 @@ def choice(default: str, choices: Iterable[str], description: str) -> Any:
     return _setting_field(default, description, choices=tuple(choices))
 
 
-def other(default: Any, description: str, *, unit: str = "") -> Any:
+def other(default: Any, description: str) -> Any:
     """Make a field for anything else: a truth value, a name, or what only a program can give."""
-    return _setting_field(default, description, unit=unit)
+    return _setting_field(default, description)
 
 
 def _setting_field(default: Any, description: str, **limits: Any) -> Any:
@@ -196,11 +196,7 @@ def check_settings(settings: Any) -> None:
         object.__setattr__(settings, setting.name, value)
 
 
-def add_options(
-    parser: argparse.ArgumentParser,
-    settings: type[Any],
-    names: Iterable[str] | None = None,
-) -> None:
+def add_options(parser: argparse.ArgumentParser, settings: type[Any]) -> None:
     """Add an option to a parser for each field that a user can write on a command line.
 
     The field `time_step` becomes `--time-step`, a truth value also `--no-…`.
@@ -209,25 +205,10 @@ def add_options(
     ----------
     parser : the parser, or a group of its arguments
     settings : a class of settings
-    names : fields to add; without it all
-
-    Raises
-    ------
-    UnknownNameError
-        When the class has no such field, or one that cannot be written on a command line.
     """
-    settable = {
-        setting.name: setting
-        for setting in list_settings(settings)
-        if setting.is_simple or setting.is_list
-    }
-    for name in settable if names is None else names:
-        if name not in settable:
-            raise UnknownNameError(
-                f"{settings.__name__} has no setting {name!r} for the command line; expected one "
-                f"of {', '.join(settable)}"
-            )
-        _add_option(parser, settable[name])
+    for setting in list_settings(settings):
+        if setting.is_simple or setting.is_list:
+            _add_option(parser, setting)
 
 
 def _add_option(parser: argparse.ArgumentParser, setting: Setting) -> None:

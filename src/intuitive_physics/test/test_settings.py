@@ -9,7 +9,7 @@ from math import inf
 import numpy as np
 import pytest
 
-from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.settings import (
     add_options,
     check_settings,
@@ -101,9 +101,9 @@ def test_limits_belong_to_the_range_and_numbers_get_their_type():
     assert Throw(balls=np.int64(4)).balls == 4
 
 
-def parsed(arguments, names=None):
+def parsed(arguments):
     parser = argparse.ArgumentParser()
-    add_options(parser, Throw, names)
+    add_options(parser, Throw)
     return settings_from_options(Throw, parser.parse_args(arguments))
 
 
@@ -122,15 +122,6 @@ def test_a_program_may_give_what_the_user_does_not():
 def test_an_option_outside_its_range_is_refused():
     with pytest.raises(InvalidInputError, match="--speed is 31"):
         parsed(["--speed", "31"])
-
-
-def test_only_what_is_named_becomes_an_option(capsys):
-    with pytest.raises(SystemExit):
-        parsed(["--balls", "2"], names=["speed"])
-    assert "--balls" in capsys.readouterr().err
-    with pytest.raises(UnknownNameError, match="expected one of speed, balls"):
-        parsed([], names=["path"])
-    assert parsed(["--speed", "3"], names=["speed"]) == Throw(speed=3.0)
 
 
 def test_help_tells_every_option(capsys):

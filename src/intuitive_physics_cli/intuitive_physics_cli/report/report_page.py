@@ -152,18 +152,12 @@ def parameter_section(learned: LearnedParameters, true: StaticParameters | None 
     return (table(header, rows) if rows else "") + missing
 
 
-def png_figure(
-    size: tuple[float, float], draw: Callable[[Any], None], caption: str, alternative: str = ""
-) -> str:
-    """Return a picture that `draw` makes on a Matplotlib figure of `size` inches.
-
-    `alternative` stands for it where it cannot be seen; empty: the caption does.
-    """
+def png_figure(size: tuple[float, float], draw: Callable[[Any], None], caption: str) -> str:
+    """Return a picture that `draw` makes on a Matplotlib figure of `size` inches."""
     data = base64.b64encode(png(size, draw)).decode("ascii")
-    text = f"<figcaption>{html.escape(caption, quote=False)}</figcaption>" if caption else ""
     return (
-        f'<figure><img alt="{html.escape(alternative or caption)}" '
-        f'src="data:image/png;base64,{data}">{text}</figure>'
+        f'<figure><img alt="{html.escape(caption)}" src="data:image/png;base64,{data}">'
+        f"<figcaption>{html.escape(caption, quote=False)}</figcaption></figure>"
     )
 
 

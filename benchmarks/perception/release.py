@@ -28,7 +28,7 @@ from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SEED = 41  # of the scenes, each of which has a generator of its own
-SCENES, QUICK_SCENES = 12, 3
+SCENES, QUICK_SCENES = 12, 1
 IN_TIME = 0.034  # s from the release within which an observation should begin: a frame at 30 Hz
 EMPTY_TIME = 0.4  # s without a ball after each throw: a track ends
 

@@ -41,19 +41,17 @@ SETTLING = 3.0  # s after the first message, or after a change, before anything 
 
 @dataclass(frozen=True)
 class Run:
-    """What was seen of the node for some time."""
+    """The work of the node for some time."""
 
     seconds: float  # for how long
     rate: float  # 1/s, messages that arrived
-    lost: float  # share of the predictions made whose message did not arrive
-    # latency_median, latency_p99: ms from the tick, when the prediction was due, until its message
-    # lay in the subscriber's queue
+    lost: float  # share of the predictions whose message did not arrive
+    # ms from the tick, when the prediction was due, until its message lay in the subscriber's queue
     latency_median: float
     latency_p99: float
     cpu: float  # share of one core
-    # memory, growth: MB resident at the end, and since the first tenth of the time
-    memory: float
-    growth: float
+    memory: float  # MB resident at the end
+    growth: float  # MB since the first tenth of the time
     message_size: float  # MB
 
 
@@ -100,19 +98,22 @@ class NodeUnderTest(ExitStack):
         )
         self._peer.call(SetParameters, f"/{PREDICTOR}/set_parameters", request)
 
-    def run(self, seconds: float) -> Run:
-        """Watch the node, once it predicts steadily, in a thread of low priority (s)."""
-        with ThreadPoolExecutor(1, initializer=_give_way) as thread:
-            return thread.submit(self._measure, seconds).result()
+    def run(self, seconds: float, settling: float = SETTLING) -> Run:
+        """Watch the node for some seconds in a thread of low priority, once it predicts steadily.
 
-    def _measure(self, seconds: float) -> Run:
+        Nothing counts for `settling` s after the first message.
+        """
+        with ThreadPoolExecutor(1, initializer=_give_way) as thread:
+            return thread.submit(self._measure, seconds, settling).result()
+
+    def _measure(self, seconds: float, settling: float) -> Run:
         self._received.clear()
         deadline = time.monotonic() + FIRST
         while not self._received and time.monotonic() < deadline:
             self._watch(0.1)
         if not self._received:
             raise PeerTimeoutError(f"waited {FIRST:.0f} s in vain for the first prediction")
-        self._watch(SETTLING)
+        self._watch(settling)
         self._received.clear()
         pid = self._predictor.pid
         begin, used, memory = time.monotonic(), _cpu_seconds(pid), []
@@ -124,16 +125,18 @@ class NodeUnderTest(ExitStack):
         return _run(np.array(self._received), passed, (_cpu_seconds(pid) - used) / passed, memory)
 
 
-def largest_sample_count(node: NodeUnderTest, seconds: float) -> int:
+def largest_sample_count(
+    node: NodeUnderTest, seconds: float, settling: float = SETTLING, tries: int = TRIES
+) -> int:
     """Return the largest number of samples with which the node still predicts 99 times a second.
 
     It grows by half until it is too large, then the last gap is halved twice. Each number has a few
-    tries: what else the machine does can only take away.
+    tries: other work of the machine can only take time away.
     """
 
     def holds(count: int) -> bool:
         node.set(sample_count=count)
-        return any(node.run(seconds).rate >= HOLDS for _ in range(TRIES))
+        return any(node.run(seconds, settling).rate >= HOLDS for _ in range(tries))
 
     good, bad = 0, 20
     while bad <= 10_000 and holds(bad):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,16 +18,12 @@ INSTANCES, REPETITIONS = 3, 2  # throws of each scene, and turns of each engine 
 SEED = 3  # of the throws
 
 
-@dataclass(frozen=True)
-class PeerTime:
-    """Median wall time of one prediction, 20 simulations of 5 s, on one thread."""
+def peer_times(scenes: Mapping[str, Sequence[str]]) -> dict[str, dict[str, float]]:
+    """Return wall times (s) of one prediction on one thread, by scene and engine.
 
-    engine: str  # name
-    seconds: float  # s; nothing but simulating and writing positions down
-
-
-def peer_times(scenes: Mapping[str, Sequence[str]]) -> dict[str, list[PeerTime]]:
-    """Let our engines, PyBullet and ODE, where it is installed, predict throws in turns."""
+    Our engines, PyBullet and ODE, where it is installed, take turns. Nothing is timed but the
+    simulation and the writing of positions.
+    """
     engines: list[Engine] = [Ours("event_driven"), Ours("stepped"), Bullet()]
     try:
         measure([Ode()], thrown(["sphere"], np.random.default_rng(SEED)), 1)
@@ -40,7 +35,5 @@ def peer_times(scenes: Mapping[str, Sequence[str]]) -> dict[str, list[PeerTime]]
     for name, kinds in scenes.items():
         rng = np.random.default_rng(SEED)
         measured = [measure(engines, thrown(kinds, rng), REPETITIONS) for _ in range(INSTANCES)]
-        times[name] = [
-            PeerTime(engine, typical_seconds(measured, engine)) for engine in measured[0].seconds
-        ]
+        times[name] = {engine: typical_seconds(measured, engine) for engine in measured[0].seconds}
     return times

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 import traceback
+from concurrent.futures import Future
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -30,26 +31,21 @@ node_pages, ros_endpoints = (
 TAKEN = 100_000_000
 """Bytes that a grandchild of this test takes."""
 
-GRANDCHILD = f"held = b'x' * {TAKEN}; import time; print('holds', flush=True); time.sleep(60)"
-
 ALONE = "import time; print('runs', flush=True); time.sleep(60)"
 
-CHILD = f"""
-import subprocess, sys
-subprocess.run([sys.executable, "-c", {GRANDCHILD!r}])
-"""
+GRANDCHILD = f"held = b'x' * {TAKEN}; {ALONE}"
+
+CHILD = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {GRANDCHILD!r}])"
 
 
 @pytest.mark.parametrize("measured", [megabytes, peak_megabytes])
 def test_memory_of_a_node_includes_that_of_its_children(measured):
-    with ChildProcess(
-        [sys.executable, "-c", "print('runs', flush=True); import time; time.sleep(60)"]
-    ) as alone:
-        alone.wait_for("runs")
-        without = measured(alone.pid)
-    with ChildProcess([sys.executable, "-c", CHILD]) as parent:
-        parent.wait_for("holds")
-        assert measured(parent.pid) > without + TAKEN / 1e6
+    memory = []
+    for program in (ALONE, CHILD):
+        with ChildProcess([sys.executable, "-c", program]) as process:
+            process.wait_for("runs")
+            memory.append(measured(process.pid))
+    assert memory[1] > memory[0] + TAKEN / 1e6
 
 
 def type_name(kind: type) -> str:
@@ -58,7 +54,7 @@ def type_name(kind: type) -> str:
 
 
 def test_all_that_the_reference_says_of_the_nodes_is_fuzzed():
-    """The reference is made from the nodes' code; `measure_fuzz` asks the running nodes too."""
+    """The reference is made from the nodes' code; fuzz asks the running nodes too."""
     fuzzed: set[tuple[str, str, str]] = set()
     for node in FUZZED.values():
         name = node.module.rpartition(".")[2]
@@ -81,16 +77,6 @@ def test_transforms_are_fuzzed():
         assert {"/tf", "/tf_static"} <= set(FUZZED[name].topics)
 
 
-class Future:
-    """A future that the test completes."""
-
-    def __init__(self) -> None:
-        self.has_come = False
-
-    def done(self) -> bool:
-        return self.has_come
-
-
 @pytest.fixture
 def clock(monkeypatch):
     clock = SimpleNamespace(now=1000.0)
@@ -99,51 +85,50 @@ def clock(monkeypatch):
     return clock
 
 
-def watched(answers: Answers, *, node: str = "node", what: str = "~/ask") -> Future:
-    future = Future()
+def ask(answers: Answers, node: str = "node", what: str = "~/ask") -> Future:
+    future: Future = Future()
     answers.watch(node, what, future, lambda: None)
     return future
 
 
-def test_request_that_is_never_answered_is_a_hang(clock):
-    answers = Answers()
-    watched(answers).has_come = True
+def hangs(answers: Answers, clock: SimpleNamespace) -> list[str]:
+    """The requests that were not answered in time."""
+    clock.now += 1.1 * LIMIT
     assert answers.look()
-    watched(answers)
-    watched(answers).has_come = True
+    return answers.hangs
+
+
+def test_request_that_is_not_answered_after_others_were_hangs(clock):
+    answers = Answers()
+    ask(answers).set_result(None)
+    assert answers.look()
+    ask(answers)
+    ask(answers).set_result(None)
     assert not answers.look()
     assert not answers.hangs
-    clock.now += 1.1 * LIMIT
-    assert answers.look()
-    assert answers.hangs == ["node ~/ask"]
+    assert hangs(answers, clock) == ["node ~/ask"]
 
 
-def test_service_that_never_answers_at_all_hangs(clock):
+def test_service_that_never_answers_hangs(clock):
     answers = Answers()
-    watched(answers)
-    clock.now += 1.1 * LIMIT
-    assert answers.look()
-    assert answers.hangs == ["node ~/ask"]
+    ask(answers)
+    assert hangs(answers, clock) == ["node ~/ask"]
 
 
 def test_first_answers_to_a_client_may_be_lost(clock):
     answers = Answers()
-    watched(answers)
-    watched(answers).has_come = True
-    clock.now += 1.1 * LIMIT
-    assert answers.look()
-    assert not answers.hangs
+    ask(answers)
+    ask(answers).set_result(None)
+    assert not hangs(answers, clock)
 
 
 def test_node_that_has_ended_owes_no_answer(clock):
     answers = Answers()
-    watched(answers)
-    watched(answers, what="~/change_state")
-    watched(answers, node="other")
+    ask(answers)
+    ask(answers, what="~/change_state")
+    ask(answers, node="other")
     answers.leave("node", but="~/change_state")
-    clock.now += 1.1 * LIMIT
-    assert answers.look()
-    assert answers.hangs == ["node ~/change_state", "other ~/ask"]
+    assert hangs(answers, clock) == ["node ~/change_state", "other ~/ask"]
 
 
 def test_death_of_a_node_is_named_in_place_of_what_follows_from_it():

@@ -40,8 +40,8 @@ class Peer(ABC):
     def timed(self, points: Points, planes: int, count: int) -> tuple[list[Ball], float]:
         """Return the balls and the processor's seconds it took to find them."""
         start = time.process_time()
-        found = self.balls(points, planes, count)
-        return found, time.process_time() - start
+        balls = self.balls(points, planes, count)
+        return balls, time.process_time() - start
 
 
 class Open3dAndPyransac(Peer):
@@ -74,16 +74,16 @@ class Open3dAndPyransac(Peer):
             _, inliers = cloud.segment_plane(PLANE_TOLERANCE, 3, HYPOTHESES)
             cloud = cloud.select_by_index(inliers, invert=True)
         rest, labels = np.asarray(cloud.points), np.asarray(cloud.cluster_dbscan(CLUSTER_GAP, 8))
-        found = []
+        balls = []
         for label in range(labels.max(initial=-1) + 1):
             cluster = rest[labels == label]
             if len(cluster) < MIN_POINTS or np.ptp(cluster, axis=0).max() > 2.5 * LARGEST:
                 continue
             fit = self._sphere().fit(cluster, SPHERE_TOLERANCE, HYPOTHESES)
             if SMALLEST <= fit.radius <= LARGEST:
-                found.append((len(fit.inliers), np.asarray(fit.center), float(fit.radius)))
-        found.sort(key=lambda ball: -ball[0])
-        return [(center, radius) for _, center, radius in found[:count]]
+                balls.append((len(fit.inliers), np.asarray(fit.center), float(fit.radius)))
+        balls.sort(key=lambda ball: -ball[0])
+        return [(center, radius) for _, center, radius in balls[:count]]
 
 
 class FrameByFrame(Peer):
@@ -104,15 +104,15 @@ class FrameByFrame(Peer):
         """See `Peer`."""
         near = [np.abs(points @ p.normal - p.offset) < PLANE_TOLERANCE for p in self._planes]
         rest = points[~np.any(near, axis=0)]
-        found: list[Ball] = []
-        while len(found) < count and len(rest) >= MIN_POINTS:
+        balls: list[Ball] = []
+        while len(balls) < count and len(rest) >= MIN_POINTS:
             best = self._ransac(rest)
             if best is None:
                 break
-            found.append(best)
+            balls.append(best)
             away = np.linalg.norm(rest - best[0], axis=1) > best[1] + 3.0 * SPHERE_TOLERANCE
             rest = rest[away]
-        return found
+        return balls
 
     def _ransac(self, points: Points) -> Ball | None:
         corners = points[self._rng.integers(len(points), size=(HYPOTHESES, 4))]

@@ -132,9 +132,9 @@ def rendered(scene: RealScene, balls: Sequence[PlacedBall]) -> tuple[DepthImage,
     owner = np.full(depth.shape, -1, dtype=np.int16)
     for k, ball in enumerate(balls):
         inside = _window(scene, ball)
-        own, incidence = cast_sphere(scene.rays[inside], ball.center, ball.radius)
-        nearer = (own > 0.0) & ((depth[inside] == 0.0) | (own < depth[inside]))
-        depth[inside][nearer] = own[nearer]
+        cast, incidence = cast_sphere(scene.rays[inside], ball.center, ball.radius)
+        nearer = (cast > 0.0) & ((depth[inside] == 0.0) | (cast < depth[inside]))
+        depth[inside][nearer] = cast[nearer]
         cosine[inside][nearer] = incidence[nearer]
         owner[inside][nearer] = k
     return DepthImage(depth, cosine), owner
@@ -158,12 +158,12 @@ def place_ball(
         depth = min(behind, FARTHEST)
         while depth > NEAREST:
             ball = PlacedBall(depth * ray, radius)
-            found = scene.gap(ball)
-            if found >= wanted:
-                if found <= gap[1] and is_in_view(scene, [ball], 0.95):
+            ball_gap = scene.gap(ball)
+            if ball_gap >= wanted:
+                if ball_gap <= gap[1] and is_in_view(scene, [ball], 0.95):
                     return ball
                 break
-            depth -= max(0.5 * (wanted - found) * radius, 0.02 * radius)
+            depth -= max(0.5 * (wanted - ball_gap) * radius, 0.02 * radius)
     return None
 
 

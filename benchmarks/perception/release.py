@@ -59,7 +59,7 @@ def measure_release(quick: bool) -> Outcome:
         for rate in RATES:
             rng = np.random.default_rng([SEED, k, rate])
             releases[rate] += _perceive_throws(scene, view, rate, rng)
-    figures = {str(rate): _milliseconds(found, 0.95) for rate, found in releases.items()}
+    figures = {str(rate): _milliseconds(group, 0.95) for rate, group in releases.items()}
     return Outcome([_table(releases)], {"release_error_ms": figures})
 
 
@@ -115,9 +115,9 @@ def _release(
 
 def _table(releases: dict[int, list[Release]]) -> Table:
     rows: list[list[Cell]] = []
-    for rate, found in releases.items():
+    for rate, at_rate in releases.items():
         for name, hands in (("all", (False, True)), ("no", (False,)), ("yes", (True,))):
-            group = [release for release in found if release.throw.hand_is_seen in hands]
+            group = [release for release in at_rate if release.throw.hand_is_seen in hands]
             errors = np.array([release.error for release in group])
             delays = [release.delay for release in group if release.delay is not None]
             velocities = [

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.perception.scenes import true_motion
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics.state import ObjectState
 from intuitive_physics_experiments.rendering.camera import Camera
 from intuitive_physics_experiments.rendering.corner_room import (
     BALL_RADII,
     ROOM_MATERIAL,
-    true_parameters,
 )
 from intuitive_physics_experiments.rendering.depth_noise import DepthNoise
 from intuitive_physics_experiments.rendering.depth_renderer import (
@@ -23,7 +23,7 @@ from intuitive_physics_experiments.rendering.depth_renderer import (
     ImageRegion,
     cast_sphere,
 )
-from intuitive_physics_experiments.rendering.thrown_ball import BallContact, BallMotion, move_ball
+from intuitive_physics_experiments.rendering.thrown_ball import BallMotion
 
 RATES = (30, 60, 90)  # frames a second
 CAMERA_NOISE = DepthNoise()  # faults of the camera
@@ -49,12 +49,10 @@ class HeldThrow:
     and acceleration are continuous but for the acceleration at the release.
     """
 
-    material: str  # name, one of `BALL_RADII`
     radius: float  # m
     hand_is_seen: bool  # whether palm and forearm are in the image
-    # swing_start, release: s after it appears
-    swing_start: float
-    release: float
+    swing_start: float  # s after the ball appears
+    release: float  # s after the ball appears
     # (6, 3) coefficients in m of powers of time over the duration of the swing
     swing: NDArray[np.float64]
     motion: BallMotion  # after the release
@@ -77,8 +75,7 @@ class HeldThrow:
         return self._after(time, self.motion.velocities)
 
     def palm(self, time: float) -> NDArray[np.float64]:
-        """Return where the centre (3,) m of a ball in the hand would be: the hand follows
-        through."""
+        """Return the centre (3,) m of a ball that stayed in the hand, which follows through."""
         if time < self.release:
             return self._swung(time, 0)
         since = time - self.release
@@ -124,11 +121,11 @@ class SceneView:
         rays = self._rays[inside]
         cast = [cast_sphere(rays, self._camera.to_optical(center), throw.radius)]
         for middle, axes, edges in boxes:
-            own = self._camera.to_optical(middle), self._camera.rotation.T @ axes
-            cast.append(_cast_box(rays, *own, edges))
-        for own_depth, own_cosine in cast:
-            nearer = (own_depth > 0.0) & ((depth == 0.0) | (own_depth < depth))
-            depth[nearer], cosine[nearer] = own_depth[nearer], own_cosine[nearer]
+            turned = self._camera.rotation.T @ axes
+            cast.append(_cast_box(rays, self._camera.to_optical(middle), turned, edges))
+        for part_depth, part_cosine in cast:
+            nearer = (part_depth > 0.0) & ((depth == 0.0) | (part_depth < depth))
+            depth[nearer], cosine[nearer] = part_depth[nearer], part_cosine[nearer]
         return DepthImage(depth, cosine), region
 
     def _region(
@@ -180,10 +177,6 @@ def _random_throw(
     environment: Environment,
     rng: np.random.Generator,
 ) -> HeldThrow:
-    radius, parameters = BALL_RADII[material], true_parameters()
-    pair = parameters.pair(material, ROOM_MATERIAL)
-    contact = BallContact(pair["static_friction"], pair["rolling_friction"], pair["restitution"])
-    density = float(parameters.density[parameters.index(material)])
     while True:
         distance = rng.uniform(1.5, 2.4)
         start = np.array([distance, rng.uniform(-0.6, 0.6), rng.uniform(0.45, 1.0)])
@@ -197,8 +190,8 @@ def _random_throw(
         state = ObjectState(
             start, linear_velocity=velocity, angular_velocity=rng.normal(0.0, 2.0, size=3)
         )
-        motion = move_ball(environment, radius, density, contact, state, FLIGHT, SAMPLES)
-        throw = HeldThrow(material, radius, hand_is_seen, swing_start, release, swing, motion)
+        motion = true_motion(material, environment, state, FLIGHT, SAMPLES)
+        throw = HeldThrow(BALL_RADII[material], hand_is_seen, swing_start, release, swing, motion)
         if _stays_in_view(throw, camera):
             return throw
 

@@ -203,11 +203,11 @@ def _add_environment(model: EnvironmentModel, recording: TrueRecording, findings
     for plane in recording.truth.environment.planes:
         normal = plane.normal @ camera.rotation
         offset = plane.offset - float(plane.normal @ camera.position)
-        best = min(free, key=lambda found: _degrees(found.normal, normal), default=None)
+        best = min(free, key=lambda other: _degrees(other.normal, normal), default=None)
         if best is None or _degrees(best.normal, normal) > 5.0:
             findings.planes_missing += 1
             continue
-        free = [found for found in free if found is not best]
+        free = [other for other in free if other is not best]
         findings.plane_angles.append(_degrees(best.normal, normal))
         findings.plane_offsets.append(abs(best.offset - offset))
     findings.planes_false += len(free)

@@ -86,12 +86,12 @@ def key_figures(findings: Findings, peer_ms: Sequence[float]) -> dict[str, float
     }
 
 
-def misses(found: Mapping[str, float]) -> list[str]:
+def misses(figures: Mapping[str, float]) -> list[str]:
     """Return a sentence for each bar that was not reached."""
     return [
-        f"{name} is {found[name]:.4g}; expected {side} {bar:g}"
+        f"{name} is {figures[name]:.4g}; expected {side} {bar:g}"
         for name, (bar, side) in BARS.items()
-        if not (found[name] < bar if side == "below" else found[name] > bar)
+        if not (figures[name] < bar if side == "below" else figures[name] > bar)
     ]
 
 

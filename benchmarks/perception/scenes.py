@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from intuitive_physics.geometry.rotations import rotation_matrix
-from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Plane, StaticBox
 from intuitive_physics.state import ObjectState
 from intuitive_physics_experiments.rendering.camera import Camera
@@ -57,15 +56,14 @@ def random_truth(kind: SceneKind, rng: np.random.Generator) -> GroundTruth:
             _stands_in_view(crate, camera, environment) for crate in crates
         ):
             break
-    parameters = true_parameters()
     throws: list[Throw] = []
     start = LEAD_IN
     while len(throws) < kind.throws:
         count = min(kind.balls_at_once, kind.throws - len(throws))
-        group = _random_group(count, len(throws), start, camera, environment, parameters, rng)
+        group = _random_group(count, len(throws), start, camera, environment, rng)
         throws += group
         start = max(throw.end_time for throw in group) + PAUSE
-    return GroundTruth({}, START_TIME, camera, environment, parameters, tuple(throws))
+    return GroundTruth({}, START_TIME, camera, environment, true_parameters(), tuple(throws))
 
 
 def first_bounce(throw: Throw, environment: Environment) -> float | None:
@@ -76,6 +74,22 @@ def first_bounce(throw: Throw, environment: Environment) -> float | None:
     surprise = np.diff(motion.velocities, axis=0) - environment.gravity * steps
     met = np.flatnonzero(np.linalg.norm(surprise, axis=1) > 0.05)
     return float(motion.times[met[0]]) if met.size else None
+
+
+def true_motion(
+    material: str,
+    environment: Environment,
+    start: ObjectState,
+    duration: float,
+    sample_rate: int = 120,
+) -> BallMotion:
+    """Return the motion (sampled in Hz) of a ball with the true parameters, for some seconds."""
+    parameters = true_parameters()
+    pair = parameters.pair(material, ROOM_MATERIAL)
+    contact = BallContact(pair["static_friction"], pair["rolling_friction"], pair["restitution"])
+    density = float(parameters.density[parameters.index(material)])
+    radius = BALL_RADII[material]
+    return move_ball(environment, radius, density, contact, start, duration, sample_rate)
 
 
 def _random_camera(rng: np.random.Generator) -> Camera:
@@ -126,8 +140,8 @@ def _distance_from(crate: StaticBox, places: NDArray[np.float64]) -> NDArray[np.
 
 def _floor_is_largest(camera: Camera, environment: Environment) -> bool:
     depth = DepthRenderer(camera, environment).background.depth
-    seen = depth > 0.0
-    points = camera.rays()[seen] * depth[seen][:, None] @ camera.rotation.T + camera.position
+    is_hit = depth > 0.0
+    points = camera.rays()[is_hit] * depth[is_hit][:, None] @ camera.rotation.T + camera.position
     floor, *walls = [
         (np.abs(plane.signed_distances(points)) < 1e-3).mean() for plane in environment.planes
     ]
@@ -140,7 +154,6 @@ def _random_group(
     start: float,
     camera: Camera,
     environment: Environment,
-    parameters: StaticParameters,
     rng: np.random.Generator,
 ) -> list[Throw]:
     """Throws that begin about the same time and whose balls never touch one another."""
@@ -151,7 +164,7 @@ def _random_group(
                 material,
                 BALL_RADII[material],
                 start + rng.uniform(0.0, STAGGER),
-                _random_motion(material, camera, environment, parameters, rng),
+                _random_motion(material, camera, environment, rng),
             )
             for material in materials
         ]
@@ -169,19 +182,16 @@ def _random_motion(
     material: str,
     camera: Camera,
     environment: Environment,
-    parameters: StaticParameters,
     rng: np.random.Generator,
 ) -> BallMotion:
     """Motion until the ball leaves the distances or the view; it may be half out of the view."""
-    radius, pair = BALL_RADII[material], parameters.pair(material, ROOM_MATERIAL)
-    contact = BallContact(pair["static_friction"], pair["rolling_friction"], pair["restitution"])
-    density = float(parameters.density[parameters.index(material)])
+    radius = BALL_RADII[material]
     room = Environment(environment.planes, gravity=environment.gravity)
     while True:
         start = _random_release(camera, rng)
         if any(p.signed_distances(start.position) < radius + GAP for p in environment.planes):
             continue
-        motion = move_ball(room, radius, density, contact, start, DURATION)
+        motion = true_motion(material, room, start, DURATION)
         kept = _length_in_view(camera, motion.positions)
         if any(
             (_distance_from(c, motion.positions) < radius + GAP).any() for c in environment.boxes

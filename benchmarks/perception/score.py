@@ -1,4 +1,4 @@
-"""Holds what was perceived against the truth: errors, recall and false positives."""
+"""Perceived balls against the truth: errors, recall and false positives."""
 
 from __future__ import annotations
 
@@ -18,11 +18,10 @@ Ball = tuple[NDArray[np.float64], float]  # centre (3,) m in the sensor's frame 
 
 @dataclass(frozen=True)
 class Hit:
-    """A ball that was found where one is."""
+    """A true ball that was found."""
 
     size: float  # true radius, m
     distance: float  # m from the sensor
-    pixels: int  # that see it
     position_error: float  # m
     radius_error: float  # m, found less true
 
@@ -31,10 +30,10 @@ class Hit:
 class Score:
     """Counts and errors over frames."""
 
-    frames: int = 0  # looked at
-    visible: int = 0  # balls seen by at least `ENOUGH_PIXELS`, over all frames
-    found: int = 0  # those of them that were found
-    false: int = 0  # how many were found where there is none
+    frames: int = 0
+    visible: int = 0  # balls with at least `ENOUGH_PIXELS`, over all frames
+    found: int = 0  # visible balls that were found
+    false: int = 0  # balls that were found where there is none
     hits: list[Hit] = field(default_factory=list)  # all balls that were found
 
     @property
@@ -48,7 +47,7 @@ class Score:
         return 1000.0 * self.false / self.frames if self.frames else float("nan")
 
     def add(self, found: Iterable[Ball], truth: Sequence[TrueBall]) -> list[tuple[int, int]]:
-        """Take one frame; return pairs of indices (found, true) that belong together.
+        """Add one frame; return pairs of indices (found, true) that belong together.
 
         A true ball is found by the nearest that lies within its radius; all others are false.
         """
@@ -61,9 +60,7 @@ class Score:
             (center, radius), true = balls[k], truth[n]
             self.found += true.pixels >= ENOUGH_PIXELS
             error = float(np.linalg.norm(center - true.position))
-            self.hits.append(
-                Hit(true.radius, true.distance, true.pixels, error, radius - true.radius)
-            )
+            self.hits.append(Hit(true.radius, true.distance, error, radius - true.radius))
         return pairs
 
     def near_hits(self, size: float | None = None) -> list[Hit]:

@@ -1,4 +1,4 @@
-"""What truly was to be seen in each frame of a rendered recording, in the sensor's frame."""
+"""The true balls in each frame of a rendered recording, in the sensor's frame."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ class TrueBall:
     velocity: NDArray[np.float64]  # (3,) m/s, in the sensor's frame
     radius: float  # m
     pixels: int  # pixels whose nearest surface is the ball, whether the camera reads them or not
-    # s until it first meets a plane; None after that or if it never does
-    before_bounce: float | None
+    before_bounce: float | None  # s until it first meets a plane; None after that or without
 
     @property
     def distance(self) -> float:
@@ -32,7 +31,7 @@ class TrueBall:
 
 
 class TrueRecording:
-    """Answers what is to be seen at any time of a recording."""
+    """The true balls at any time of a recording."""
 
     def __init__(self, truth: GroundTruth) -> None:
         self.truth = truth
@@ -40,7 +39,7 @@ class TrueRecording:
         self._bounces = [first_bounce(throw, truth.environment) for throw in truth.throws]
 
     def balls_at(self, time: float) -> list[TrueBall]:
-        """Return the balls there are `time` s after the recording's start."""
+        """Return the balls that are there `time` s after the recording's start."""
         throws = self.truth.throws
         there = [k for k, t in enumerate(throws) if t.start_time <= time <= t.end_time]
         places = [throws[k].positions_at(np.array([time]))[0] for k in there]

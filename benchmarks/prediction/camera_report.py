@@ -74,7 +74,7 @@ def camera_table(worlds: Worlds) -> Table:
             name.replace("_", " "),
             len(moments[name]),
             *(1e3 * _median(moments[name], way, 1.0) for way in (ESTIMATE, KNOWN_SPIN, GUESS)),
-            float(np.median([one.spin_error for one in moments[name]] or [np.nan])),
+            float(np.median([item.spin_error for item in moments[name]] or [np.nan])),
             100.0 * _within(moments[name]),
             100.0 * coverage(_levels(moments[name], 1.0), 0.5),
             100.0 * coverage(_levels(moments[name], 1.0), 0.9),
@@ -110,10 +110,10 @@ def camera_table(worlds: Worlds) -> Table:
 def coverage_table(worlds: Worlds) -> Table:
     """Return how often regions hold the ball, one row for each world and one for all."""
     rows: list[list[Cell]] = []
-    for name, found in _by_world(worlds).items():
+    for name, judged in _by_world(worlds).items():
         for probability in COVERAGE_BARS:
-            levels = _levels(found, AHEAD[0])
-            shares = _coverages(found, probability).values()
+            levels = _levels(judged, AHEAD[0])
+            shares = _coverages(judged, probability).values()
             rows.append(
                 [
                     name,
@@ -141,23 +141,23 @@ def coverage_table(worlds: Worlds) -> Table:
 
 def camera_complaints(worlds: Worlds) -> list[str]:
     """Return the bars that were missed."""
-    found = []
+    missed = []
     for name, bars in MOST_OVER_KNOWN.items():
         for spin, most in bars.items():
             ratio = _ratio(worlds[spin].moments[name], KNOWN_SPIN, 1.0)
             if ratio is not None and ratio > most:
-                found.append(f"{name} of world_{spin:g}: error {ratio:.2f} of the known spin's")
+                missed.append(f"{name} of world_{spin:g}: error {ratio:.2f} of the known spin's")
     for spin, world in worlds.items():
         ratio = _ratio(world.patterned, KNOWN_SPIN, 1.0)
         if ratio is not None and ratio > MOST_PATTERN_OVER_KNOWN:
-            found.append(
+            missed.append(
                 f"first flight with a pattern in world_{spin:g}: error {ratio:.2f} of the known "
                 "spin's"
             )
     ratio = _ratio(worlds[WORLDS[0]].moments["first_flight"], GUESS, 1.0)
     if ratio is not None and ratio > MOST_OVER_GUESS:
-        found.append(f"first_flight of world_{WORLDS[0]:g}: error {ratio:.2f} of the guess's")
-    return found + _spin_complaints(worlds) + _coverage_complaints(worlds)
+        missed.append(f"first_flight of world_{WORLDS[0]:g}: error {ratio:.2f} of the guess's")
+    return missed + _spin_complaints(worlds) + _coverage_complaints(worlds)
 
 
 def _spin_complaints(worlds: Worlds) -> list[str]:
@@ -188,8 +188,8 @@ def _coverage_complaints(worlds: Worlds) -> list[str]:
 
 def _by_world(worlds: Worlds) -> dict[str, list[Judged]]:
     """Return all that was judged, of each world and of all together, by the name of its row."""
-    own = {f"world_{spin:g}": _of({spin: world}, MOMENTS) for spin, world in worlds.items()}
-    return {**own, "all": _of(worlds, MOMENTS)}
+    single = {f"world_{spin:g}": _of({spin: world}, MOMENTS) for spin, world in worlds.items()}
+    return {**single, "all": _of(worlds, MOMENTS)}
 
 
 def _error(probability: float, count: int) -> float:
@@ -204,7 +204,7 @@ def _rows(world: JudgedWorld) -> dict[str, list[Judged]]:
 
 def _of(worlds: Worlds, names: Sequence[str]) -> list[Judged]:
     """All that was judged at some moments."""
-    return [one for world in worlds.values() for name in names for one in world.moments[name]]
+    return [item for world in worlds.values() for name in names for item in world.moments[name]]
 
 
 def _world_figures(spin: float, world: JudgedWorld) -> dict[str, Any]:
@@ -216,47 +216,49 @@ def _world_figures(spin: float, world: JudgedWorld) -> dict[str, Any]:
     }
 
 
-def _moment_figures(found: Sequence[Judged]) -> dict[str, Any]:
+def _moment_figures(judged: Sequence[Judged]) -> dict[str, Any]:
     return {
-        "predictions": len(found),
-        "error_over_known_spin": {f"{t:g}": _ratio(found, KNOWN_SPIN, t) for t in RATIOS},
-        "spin_error": _rounded(np.median([one.spin_error for one in found] or [np.nan])),
-        "spin_within_2_sigma": _rounded(_within(found)),
+        "predictions": len(judged),
+        "error_over_known_spin": {f"{t:g}": _ratio(judged, KNOWN_SPIN, t) for t in RATIOS},
+        "spin_error": _rounded(np.median([item.spin_error for item in judged] or [np.nan])),
+        "spin_within_2_sigma": _rounded(_within(judged)),
     }
 
 
-def _within(found: Sequence[Judged]) -> float:
+def _within(judged: Sequence[Judged]) -> float:
     return float(
-        np.mean(np.array([one.spin_nees for one in found]) < WITHIN_TWO_SIGMA) if found else np.nan
+        np.mean(np.array([item.spin_nees for item in judged]) < WITHIN_TWO_SIGMA)
+        if judged
+        else np.nan
     )
 
 
-def _median(found: Sequence[Judged], way: str, ahead: float) -> float:
+def _median(judged: Sequence[Judged], way: str, ahead: float) -> float:
     """Median error in m at a time ahead (s), of the predictions that can be judged there."""
-    values = np.array([one.errors[way][AHEAD.index(ahead)] for one in found] or [np.nan])
+    values = np.array([item.errors[way][AHEAD.index(ahead)] for item in judged] or [np.nan])
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else float("nan")
 
 
-def _ratio(found: Sequence[Judged], way: str, ahead: float) -> float | None:
-    return _rounded(_median(found, ESTIMATE, ahead) / _median(found, way, ahead))
+def _ratio(judged: Sequence[Judged], way: str, ahead: float) -> float | None:
+    return _rounded(_median(judged, ESTIMATE, ahead) / _median(judged, way, ahead))
 
 
-def _levels(found: Sequence[Judged], ahead: float) -> NDArray[np.float64]:
+def _levels(judged: Sequence[Judged], ahead: float) -> NDArray[np.float64]:
     """Levels (n, 2) of the predictions that can be judged at a time ahead (s)."""
-    levels = np.array([one.levels[AHEAD.index(ahead)] for one in found]).reshape(-1, 2)
+    levels = np.array([item.levels[AHEAD.index(ahead)] for item in judged]).reshape(-1, 2)
     return levels[np.isfinite(levels[:, 0])]
 
 
-def _coverages(found: Sequence[Judged], probability: float) -> dict[str, float | None]:
-    return {f"{t:g}": _rounded(coverage(_levels(found, t), probability)) for t in AHEAD}
+def _coverages(judged: Sequence[Judged], probability: float) -> dict[str, float | None]:
+    return {f"{t:g}": _rounded(coverage(_levels(judged, t), probability)) for t in AHEAD}
 
 
-def _score_ratio(found: Sequence[Judged], way: str) -> float | None:
+def _score_ratio(judged: Sequence[Judged], way: str) -> float | None:
     """Sum of the energy scores of all times over that of another way to predict."""
-    if not found:
+    if not judged:
         return None
-    scores = {name: np.nansum([one.scores[name] for one in found]) for name in (ESTIMATE, way)}
+    scores = {name: np.nansum([item.scores[name] for item in judged]) for name in (ESTIMATE, way)}
     return _rounded(scores[ESTIMATE] / scores[way])
 
 

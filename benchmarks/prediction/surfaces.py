@@ -36,7 +36,7 @@ def samples_below_a_surface(predictions: int = PREDICTIONS) -> int:
     environment = _table_with_walls()
     settings = PredictionSettings(PredictionOptions(horizon=HORIZON, time_step=TIME_STEP))
     theta = StaticParameters.uniform(["ball", "room"])
-    found = 0
+    count = 0
     for seed in range(predictions):
         scene = _perceived(environment, rng)
         prepared = PreparedScene.of(scene, theta, StateNoise())
@@ -49,16 +49,16 @@ def samples_below_a_surface(predictions: int = PREDICTIONS) -> int:
             drawn=worlds,
         )
         inside = int(objects_inside(worlds, prepared.spread.means).any(axis=1).sum())
-        found += max(inside, int(_behind(environment.planes, predicted.positions).sum()))
-    return found
+        count += max(inside, int(_behind(environment.planes, predicted.positions).sum()))
+    return count
 
 
 def _behind(planes: Sequence[Plane], positions: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which samples (n_samples,) have a centre behind a plane that it is over."""
-    found = np.zeros(positions.shape[:-1], dtype=bool)
+    is_behind = np.zeros(positions.shape[:-1], dtype=bool)
     for plane in planes:
-        found |= (plane.signed_distances(positions) < 0.0) & plane.covers(positions)
-    return np.asarray(found.any(axis=(1, 2)))
+        is_behind |= (plane.signed_distances(positions) < 0.0) & plane.covers(positions)
+    return np.asarray(is_behind.any(axis=(1, 2)))
 
 
 def _table_with_walls() -> Environment:

@@ -74,8 +74,8 @@ class Place:
 
     def launch(self, *arguments: str) -> Ros2Process:
         """Launch the suite, which sees the bag again and again."""
-        seen = [f"bag:={self.bag}", "loop:=true", "camera:=generic"]
-        return Ros2Process(self.home, *LAUNCH, *seen, *arguments)
+        bag = [f"bag:={self.bag}", "loop:=true", "camera:=generic"]
+        return Ros2Process(self.home, *LAUNCH, *bag, *arguments)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -64,12 +64,12 @@ class Ros2Process(ChildProcess):
     @property
     def children(self) -> list[int]:
         """Ids of the processes that launch started."""
-        return [int(found) for found in STARTED.findall(self.output)]
+        return [int(pid) for pid in STARTED.findall(self.output)]
 
     def pid_of(self, node: str) -> int:
         """Return the id of a node's newest process."""
-        found = re.findall(rf"\[{node}-\d+\]: process started with pid \[(\d+)\]", self.output)
-        return int(found[-1])
+        pids = re.findall(rf"\[{node}-\d+\]: process started with pid \[(\d+)\]", self.output)
+        return int(pids[-1])
 
     def interrupt(self) -> float:
         """Press Ctrl-C; return how long it took, in s, until all had ended."""

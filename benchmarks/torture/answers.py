@@ -19,20 +19,19 @@ class _Request:
     what: str
     future: Any
     since: float
-    is_discovered: bool
+    is_discovered: bool  # whether its client had an answer before
     forget: Callable[[], object]
 
 
 class Answers:
-    """Watches requests until they are answered, each within `limit` s.
+    """Watches requests until they are answered, each within `LIMIT` s.
 
     A server drops its answer to a client that it has not discovered yet. So an answer may be
     missing as long as a client has had none, unless no other comes in the same time.
     """
 
-    def __init__(self, limit: float = LIMIT) -> None:
+    def __init__(self) -> None:
         self.hangs: list[str] = []  # node and service of requests that were not answered in time
-        self._limit = limit
         self._pending: list[_Request] = []
         self._discovered: set[tuple[str, str]] = set()
 
@@ -53,7 +52,7 @@ class Answers:
         """Take the answers, note requests that are too old, and return whether none is pending."""
         self._discovered |= {(r.node, r.what) for r in self._pending if r.future.done()}
         unanswered = [request for request in self._pending if not request.future.done()]
-        oldest = time.monotonic() - self._limit
+        oldest = time.monotonic() - LIMIT
         self._pending = [request for request in unanswered if request.since >= oldest]
         for request in unanswered:
             if request.since < oldest:

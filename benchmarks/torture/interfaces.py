@@ -207,9 +207,9 @@ def unreached(peer: Peer) -> list[str]:
             "service": (node.all_services(), graph.get_service_names_and_types_by_node(name, "/")),
             "action": (node.actions, get_action_server_names_and_types_by_node(graph, name, "/")),
         }
-        for kind, (fuzzed, found) in offered.items():
+        for kind, (fuzzed, present) in offered.items():
             expected = {full_name(interface, name) for interface in fuzzed}
-            there = {interface for interface, _ in found if "/_action/" not in interface}
+            there = {interface for interface, _ in present if "/_action/" not in interface}
             problems += [f"{name} has the {kind} {extra}" for extra in sorted(there - expected)]
             problems += [f"{name} has no {kind} {absent}" for absent in sorted(expected - there)]
     return problems

@@ -1,6 +1,6 @@
-"""What one would install or write instead of our perception, on the same frames.
+"""Alternatives that can be installed or written instead of our perception, on the same frames.
 
-Both are given what they cannot know: how many planes and balls there are, and limits of the radius.
+Both are given the numbers of planes and balls and limits of the radius, which they cannot know.
 """
 
 from __future__ import annotations

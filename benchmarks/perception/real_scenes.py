@@ -97,7 +97,7 @@ def load_scenes(folder: Path) -> list[RealScene]:
 
 
 class SceneCamera:
-    """Gives noisy frames of one scene with balls in it."""
+    """A camera that takes noisy frames of one scene with balls in it."""
 
     def __init__(self, scene: RealScene, noise: DepthNoise, rng: np.random.Generator) -> None:
         self.scene = scene
@@ -204,7 +204,7 @@ def throw_ball(scene: RealScene, rng: np.random.Generator, most: int) -> list[Pl
 
 
 def is_in_view(scene: RealScene, balls: Sequence[PlacedBall], part: float) -> bool:
-    """Return whether of each ball at least a part of its whole outline is seen in the image."""
+    """Return whether the image shows at least a part of the outline of each ball."""
     if not all(_in_range(ball) for ball in balls):
         return False
     _, owner = rendered(scene, balls)

@@ -157,7 +157,7 @@ def timing_table(findings: Findings) -> Table:
 
 
 def peers_table(comparison: Comparison) -> Table:
-    """Return how ours and others did on the same frames."""
+    """Return errors and times of ours and of others on the same frames."""
     return Table(
         title="Others on the same frames",
         note="Root mean square errors in mm, balls found within their radius of the truth.",

@@ -72,7 +72,7 @@ QUICK = Effort(
     steady=4.0, trial=1.0, settling=0.5, tries=1, loop=2.0, synthetic_set=SMALL_SET, throws=4
 )
 
-PARTS = ("node", "camera")  # what can be measured alone
+PARTS = ("node", "camera")  # can be measured alone
 FIRST_SEED = 500  # of the camera's worlds; nobody tuned on them. Those from 50 on were tuned on
 
 
@@ -90,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def run(options: argparse.Namespace) -> Outcome:
-    """Measure what was asked for, on the first cores of the machine."""
+    """Measure the chosen parts on the first cores of the machine."""
     wanted = options.only or PARTS
     effort = QUICK if options.quick else FULL
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:CORES])

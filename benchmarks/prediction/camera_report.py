@@ -1,4 +1,4 @@
-"""What the camera's worlds say, as a table and as key figures."""
+"""The predictions in the camera's worlds, as tables, missed bars and key figures."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ MOST_PATTERN_OVER_KNOWN = 2.0
 # Bar of the error over that of the guess, in the first flight of the world of least spin
 MOST_OVER_GUESS = 0.8
 SPIN_BARS = (0.90, 0.99)  # bars of the share of spins within two standard deviations
-# Bars of what regions hold, by their probability
+# Bars of the share of balls that regions hold, by their probability
 COVERAGE_BARS = {0.5: (0.45, 0.55), 0.9: (0.86, 0.94)}
 FEWEST = 30  # predictions of which a share can be held against a bar: a first look has fewer
 
-Worlds = Mapping[float, JudgedWorld]  # what was judged, by spin
+Worlds = Mapping[float, JudgedWorld]  # by spin, rad/s
 
 
 def camera_figures(worlds: Worlds) -> dict[str, Any]:
@@ -187,7 +187,7 @@ def _coverage_complaints(worlds: Worlds) -> list[str]:
 
 
 def _by_world(worlds: Worlds) -> dict[str, list[Judged]]:
-    """Return all that was judged, of each world and of all together, by the name of its row."""
+    """Return the predictions of each world and of all together, by the name of the row."""
     single = {f"world_{spin:g}": _of({spin: world}, MOMENTS) for spin, world in worlds.items()}
     return {**single, "all": _of(worlds, MOMENTS)}
 
@@ -198,12 +198,12 @@ def _error(probability: float, count: int) -> float:
 
 
 def _rows(world: JudgedWorld) -> dict[str, list[Judged]]:
-    """What was judged, by the name of its row."""
+    """Return the predictions of a world by the name of the row."""
     return {**world.moments, "first_flight, pattern": world.patterned}
 
 
 def _of(worlds: Worlds, names: Sequence[str]) -> list[Judged]:
-    """All that was judged at some moments."""
+    """Return the predictions at some moments."""
     return [item for world in worlds.values() for name in names for item in world.moments[name]]
 
 

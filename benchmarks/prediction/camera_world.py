@@ -1,4 +1,4 @@
-"""Thrown balls with a spin of choice, as perception sees them through a rendered camera."""
+"""Thrown balls with a spin of choice, perceived through a rendered camera."""
 
 from __future__ import annotations
 

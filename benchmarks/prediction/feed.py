@@ -1,4 +1,4 @@
-"""What the node is fed: throws through the paper's room, seen 30 times a second."""
+"""The input of the predictor: throws through the paper's room, seen 30 times a second."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA
 from intuitive_physics_ros.scripting import Peer
 from intuitive_physics_ros.topics import ENVIRONMENT, OBJECT_STATES, STATIC_PARAMETERS
 
-# Scenes of the benchmark, by what is thrown
+# Shapes that are thrown in each scene
 SCENES = {name: ALL_SCENES[name] for name in ("1_sphere", "3_spheres", "3_mixed")}
 # The same balls as they move, detected in every frame: the node estimates their states
 SEEN = {f"{name}_seen": name for name in ("1_sphere", "3_spheres")}
@@ -49,7 +49,7 @@ class Feed:
     def __init__(self, scene: str) -> None:
         rng = np.random.default_rng(SEED)
         self._throws = [thrown(SCENES[SEEN.get(scene, scene)], rng) for _ in range(THROWS)]
-        # Made once: what is fed should cost the machine little beside the node.
+        # Made once: the input should cost the machine little beside the node.
         self._messages = [
             _seen_messages(throw, rng) if scene in SEEN else [_states_message(throw.scene)]
             for throw in self._throws
@@ -75,7 +75,7 @@ class Feed:
         return LearnedParameters(parameters, deviations, known, 1, 0.01, 10, "cma_es")
 
     def publish(self) -> None:
-        """Publish the states of a throw, seen now."""
+        """Publish the states of a throw with the stamp of this moment."""
         passed = time.monotonic() - self._begun
         turn = self._messages[int(passed) % THROWS]
         message = turn[int(passed % 1.0 * len(turn))]

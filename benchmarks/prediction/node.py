@@ -151,7 +151,7 @@ def largest_sample_count(
 
 
 def _give_way() -> None:
-    """Let all other threads go first: what feeds and measures is not to hold up the node."""
+    """Let all other threads go first: the benchmark must not hold up the node."""
     # On Linux, 0 is the calling thread alone.
     os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 

@@ -1,4 +1,4 @@
-"""What was measured of the predictor, as tables and as the key figures that machines read."""
+"""The measurements of the predictor, as tables, missed bars and key figures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from benchmarks.steady_loop import RATE, WORK, Lateness
 
 MOST_LATENCY = 10.0  # ms from the tick to the received message, of 99 % of the messages
 LEAST_SAMPLES = {"1_sphere": 500}  # samples that have to hold 100 Hz, by scene
-MOST_GROWTH = 5.0  # MB over a run: what allocators move about, not what grows with each prediction
+MOST_GROWTH = 5.0  # MB over a run: allocators move that much; a leak grows with each prediction
 COVERAGE = (0.85, 0.95)  # of 90 % regions
 
 
@@ -68,7 +68,7 @@ def complaints(results: Results) -> list[str]:
 
 
 def key_figures(results: Results) -> dict[str, Any]:
-    """Return what the last line says."""
+    """Return the key figures."""
     runs = results.runs
     return {
         "rate_hz": {scene: round(run.rate, 2) for scene, run in runs.items()},

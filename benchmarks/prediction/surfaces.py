@@ -1,4 +1,4 @@
-"""How many samples of predictions are below the surface of what balls rest on or lie next to."""
+"""Samples of predictions below the surfaces that balls rest on or lie next to, counted."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noisy_newton import PreparedScene
 from intuitive_physics_predictor.outside import objects_inside
 
-PREDICTIONS = 500  # predictions that are made, each of states perceived anew
+PREDICTIONS = 500  # predictions, each of states with other errors
 # m: half the edge of the table, the height of its two walls, and the radius of the balls
 HALF_TABLE, WALL_HEIGHT, RADIUS = 0.5, 0.5, 0.03
 # m, rad, m/s and rad/s, standard deviations of a perceived state on each axis

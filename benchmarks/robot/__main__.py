@@ -42,7 +42,7 @@ BARS = {"bringup_s": 8.0, "respawn_to_predicting_s": 5.0, "ctrl_c_s": 3.0}
 # ms from an image to the distribution it leads to that must not be exceeded
 END_TO_END_BARS = {"p50": 20.0, "p99": 35.0}
 SEED = 20  # of the throws and of the camera's noise
-# In the bag, one soon after another: something is there to predict nearly always
+# In the bag, one soon after another: nearly always an object is tracked
 THROWS, QUICK_THROWS = 24, 12
 STARTS, QUICK_STARTS = 3, 1  # how often the suite is started and stopped; the slowest counts
 TIMEOUT = 120.0  # s to wait for anything
@@ -67,7 +67,7 @@ class Predictions:
 
 @dataclass(frozen=True)
 class Place:
-    """Where the tools are at home, and what the robot sees."""
+    """The folder of a robot and its recorded camera images."""
 
     home: Path  # folder for logs and databases
     bag: Path  # of throws
@@ -148,7 +148,7 @@ def _respawn(place: Place, node: str) -> float:
         os.kill(launch.pid_of(node), signal.SIGKILL)
         killed = time.monotonic()
         peer.spin_for(IN_FLIGHT)
-        # Of states that were not seen yet: both perception and predictor made them.
+        # Newer states: both perception and predictor had their part in the prediction.
         first, newest = len(predictions.arrivals), max(predictions.states_stamps)
         peer.spin_until(lambda: max(predictions.states_stamps) > newest, f"{node} to work again")
         again = next(k for k, stamp in enumerate(predictions.states_stamps) if stamp > newest)
@@ -171,7 +171,7 @@ def _two_robots(place: Place) -> list[float]:
 
 
 def _connects_bare(place: Place) -> bool:
-    """Whether plain `ros2 run` of the three nodes gives nodes that hear one another."""
+    """Return whether the three nodes find one another after a plain `ros2 run`."""
     report_progress("plain nodes")
     topics = (ENVIRONMENT, OBJECT_STATES, OBSERVATIONS, STATIC_PARAMETERS)
     with Peer("bench", CONNECT_TIMEOUT) as peer, ExitStack() as running:

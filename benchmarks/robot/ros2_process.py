@@ -16,7 +16,7 @@ from intuitive_physics.processes import ChildProcess
 COMMAND = [sys.executable, "-u", "-c", "import sys; from ros2cli.cli import main; sys.exit(main())"]
 # Arguments of `ros2` that start the suite
 LAUNCH = ["launch", "intuitive_physics_bringup", "intuitive_physics.launch.py"]
-STARTED = re.compile(r"process started with pid \[(\d+)\]")  # what launch says of each process
+STARTED = re.compile(r"process started with pid \[(\d+)\]")  # line of launch for each process
 
 
 def environment(home: Path) -> dict[str, str]:
@@ -34,8 +34,8 @@ def environment(home: Path) -> dict[str, str]:
 def ros2(home: Path, *arguments: str, timeout: float = 60.0) -> str:
     """Run one command of `ros2` to its end and return what it wrote; it must succeed.
 
-    The daemon, which the first command starts, discovers nodes one after another: what it does not
-    know yet is asked for again.
+    The daemon, which the first command starts, discovers nodes one after another: the command is
+    repeated until the daemon has found the node.
     """
     end = time.monotonic() + timeout
     while True:

@@ -1,1 +1,1 @@
-"""What a robot's months do to the nodes, in minutes: kills, and messages that nobody would send."""
+"""Kills, random messages, cancelled searches, faults and a long run, which the nodes must bear."""

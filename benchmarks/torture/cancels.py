@@ -1,4 +1,4 @@
-"""Searches that are cancelled at random instants, whatever they simulate."""
+"""Searches that are cancelled at random instants."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ends a part before its time, in one line, so that the rest of the run goes on."""
+"""Errors that end a part or a check, in one line, so that the rest of the run goes on."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from pathlib import Path
 
 from intuitive_physics.errors import IntuitivePhysicsError
 
-# After which a part is given up: each next start may take a minute, and nothing new is learned
+# After which a part is given up: each further start may take a minute and shows nothing new
 MOST_DEATHS = 10
 
 
 class EarlyEndError(IntuitivePhysicsError):
-    """A part cannot go on; the message says what died, or what does not happen."""
+    """A part cannot go on, since a node died or an event does not happen."""
 
 
 def check_deaths(deaths: Sequence[str]) -> None:
@@ -25,7 +25,7 @@ def check_deaths(deaths: Sequence[str]) -> None:
 
 @contextmanager
 def noted(failures: list[str]) -> Iterator[None]:
-    """Note in one line what ends the work within, and go on after it."""
+    """Note an error in the block in one line, and go on after the block."""
     try:
         yield
     except Exception as error:
@@ -33,7 +33,7 @@ def noted(failures: list[str]) -> Iterator[None]:
 
 
 def in_one_line(error: Exception) -> str:
-    """Return what an error says; of one that nobody expected, its kind and its place as well."""
+    """Return the message of an error; for an unexpected one, its kind and its place as well."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     said = " ".join(dict.fromkeys([*lines[:1], *lines[-1:]]))
     if isinstance(error, IntuitivePhysicsError):
@@ -43,7 +43,7 @@ def in_one_line(error: Exception) -> str:
 
 
 def traceback_in(output: str) -> str:
-    """Return in one line the first traceback of an output and what stands before it; or nothing."""
+    """Return in one line the first traceback of an output and the line before it; or nothing."""
     before, heading, after = output.partition("Traceback (most recent call last)")
     if not heading:
         return ""

@@ -53,7 +53,7 @@ SHUTDOWNS = (5, 6, 7)  # transitions after which a node rightly does nothing
 BACK = ("configure", "activate")  # transitions into the active state after a random one
 CANCELLED = 0.5  # part of the goals that are cancelled as soon as they are accepted
 PING_EVERY = 40  # messages between two pings of all nodes
-ANSWERS = QoSProfile(depth=1000)  # of a client: more answers than can wait between two looks
+ANSWERS = QoSProfile(depth=1000)  # of a client: more answers than can wait between two pings
 DRAIN = 0.01  # s for which answers are taken after each round of pings
 
 

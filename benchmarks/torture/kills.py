@@ -1,4 +1,4 @@
-"""Nodes that are killed at random instants, under load: all that they acknowledged is kept."""
+"""Nodes that are killed at random instants, under load: nothing acknowledged may be lost."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def _give(learner: Learner, number: int, timeout: float) -> None:
 
 
 def _is_whole(database: Path, acknowledged: Acknowledged, kills: Kills) -> bool:
-    """Check whether a database is undamaged, and count what is lost."""
+    """Return whether a database is undamaged; count its lost observations and versions."""
     try:
         with closing(sqlite3.connect(database)) as connection:
             ((state,),) = connection.execute("PRAGMA integrity_check").fetchall()
@@ -163,7 +163,7 @@ def _is_whole(database: Path, acknowledged: Acknowledged, kills: Kills) -> bool:
 
 
 def _kill_others(suite: Suite, count: int, kills: Kills, rng: np.random.Generator) -> None:
-    """Kill perception and predictor in turn while what they see is predicted from."""
+    """Kill perception and predictor in turn while they see and predict throws."""
     for number in range(count):
         time.sleep(rng.uniform(0.0, LONGEST_LIFE))
         _note_deaths(suite, kills)

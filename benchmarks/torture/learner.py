@@ -1,4 +1,4 @@
-"""A learner as a process, its clients, and what it has acknowledged."""
+"""A learner as a process, its clients, and the observations that it has acknowledged."""
 
 from __future__ import annotations
 

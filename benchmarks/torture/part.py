@@ -41,7 +41,7 @@ def slowest_stop(stops: Stops) -> float:
 
 
 def missed_stops(stops: Stops) -> list[str]:
-    """Return what was wrong with the ends of nodes."""
+    """Return the missed bars of the ends of nodes."""
     missed = [f"{name} ended with code {code}" for name, (_, code) in stops.items() if code]
     return missed + [
         f"{name} took {took:.1f} s to stop; expected at most {bars().stop:g}"

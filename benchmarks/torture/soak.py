@@ -27,7 +27,7 @@ from benchmarks.torture.suite import Suite, running_suite
 from intuitive_physics.processes.child_process import LONGEST
 
 MINUTE = 60.0  # s
-SAMPLE = 5.0  # s between two looks at the processes
+SAMPLE = 5.0  # s between two samples of the processes
 REPORTED = 5  # minutes between two lines of progress
 MOST_GROWTH = 5.0  # MB by which a node may grow after its first minute; of the bars
 
@@ -65,7 +65,7 @@ class Soak:
     rates: list[float] = field(default_factory=list)
     slowest: float = 0.0  # s, of a ping of any node, one a minute each
     stops: Stops = field(default_factory=dict)
-    failures: list[str] = field(default_factory=list)  # what ended it early
+    failures: list[str] = field(default_factory=list)  # early ends
 
 
 def soak(folder: Path, minutes: float) -> Part:

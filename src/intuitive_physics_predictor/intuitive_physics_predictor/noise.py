@@ -109,13 +109,8 @@ def with_spin_prior(
 ) -> ObjectState:
     """Return a state whose spin, where it is a guess, has the prior that was asked for.
 
-    Parameters
-    ----------
-    state : as perceived
-    scene_object : whose state it is
-    learned : θ_s and how balls are thrown; None: nothing was learned
-    spin_prior : one of `SPIN_PRIORS`
-    scale : factor on its standard deviations
+    `learned` has θ_s and how balls are thrown; None: nothing was learned. `scale` is a factor on
+    the standard deviations of the prior, one of `SPIN_PRIORS`.
     """
     guess = unknown_spin(scene_object.shape, state)
     if guess is None:
@@ -164,12 +159,7 @@ class StateSpread:
         return self.at(rng.standard_normal((count, len(self.means), ERROR_SIZE)))
 
     def at(self, normal: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the states at normal deviates, (count, n_objects, 13).
-
-        Parameters
-        ----------
-        normal : (count, n_objects, 12)
-        """
+        """Return the states (count, n_objects, 13) at normal (count, n_objects, 12) deviates."""
         drawn = np.empty((len(normal), *self.means.shape))
         _add_errors(self.means, self.roots, normal, drawn)
         return drawn

@@ -63,13 +63,7 @@ class NoiseScales:
     def parameters(
         self, learned: LearnedParameters, materials: tuple[str, ...] | None = None
     ) -> UncertainParameters:
-        """Distribution of θ_s; those made last are kept, as drawing takes a while.
-
-        Parameters
-        ----------
-        learned : θ_s
-        materials : that are needed of it; None: all
-        """
+        """Distribution of θ_s for these materials, default all; the last ones drawn are kept."""
         return _uncertain_parameters(learned, self, materials)
 
     def to_dict(self) -> dict[str, Any]:

@@ -113,17 +113,7 @@ class PreparedScene:
         noise: StateNoise,
         estimates: tuple[WeightedStates | None, ...] = (),
     ) -> PreparedScene:
-        """Prepare a scene.
-
-        Parameters
-        ----------
-        estimates : as of the class; not used where noise has nothing of what was perceived
-
-        Raises
-        ------
-        InvalidInputError, UnknownNameError
-            As `pack_worlds`.
-        """
+        """Prepare a scene; estimates are not used where noise ignores the perceived covariance."""
         parameters, learned = static_parameters, None
         if isinstance(parameters, UncertainParameters):
             learned = parameters.learned

@@ -58,10 +58,7 @@ class EnvironmentPublisher:
     ) -> None:
         """Publish a new environment as the next version.
 
-        Parameters
-        ----------
-        camera : header of the frame it was seen in
-        camera_pose : of the camera, in the environment's frame
+        `camera` is the header of the frame it was perceived in, `camera_pose` the camera's pose.
         """
         self.version += 1
         self._environments.publish(
@@ -75,13 +72,9 @@ class EnvironmentPublisher:
         )
 
     def hang(self, frame_id: str, parent: Header, parent_pose: RigidTransform) -> None:
-        """Publish where a frame hangs below another one, where tf2_msgs is installed.
+        """Publish where a frame hangs below its parent, where tf2_msgs is installed.
 
-        Parameters
-        ----------
-        frame_id : of the frame
-        parent : header in the frame above it, such as the camera's
-        parent_pose : of that frame, in this one
+        `parent_pose` is the pose of the parent, such as the camera, in the frame.
         """
         if self._transforms is None:
             return

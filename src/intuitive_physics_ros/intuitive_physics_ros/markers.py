@@ -108,12 +108,7 @@ def name_markers(
     header: Header,
     up: ArrayLike,
 ) -> list[Marker]:
-    """Return the ids of objects as text above them.
-
-    Parameters
-    ----------
-    up : (3,) against gravity, of any length; z where it is zero
-    """
+    """Return the ids of objects as text above them; up (3,) is against gravity, zero means z."""
     length = float(np.linalg.norm(up))
     direction = np.asarray(up) / length if length else np.array([0.0, 0.0, 1.0])
     return [

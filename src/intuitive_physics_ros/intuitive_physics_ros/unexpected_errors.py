@@ -34,17 +34,9 @@ class UnexpectedErrors:
         self._counts: dict[str, int] = {}
 
     def report(self, error: BaseException, doing: str) -> str:
-        """Count an error, and log the first and the third of its kind.
+        """Count an error, log the first and the third of its kind, and return it in one line.
 
-        Parameters
-        ----------
-        error : with its traceback
-        doing : what failed, such as "a callback"
-
-        Returns
-        -------
-        str
-            The error with its place, in one line.
+        `doing` names what failed, such as "a callback".
         """
         what = " ".join(f"{type(error).__name__}: {error!s:.500}".split())
         place = where(error)

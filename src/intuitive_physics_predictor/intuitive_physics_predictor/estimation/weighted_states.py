@@ -80,11 +80,6 @@ class WeightedStates:
             np.linalg.det(covariance[SPIN, SPIN] / (STILL_GUESS * guess) ** 2) > 1.0
         )
 
-    @property
-    def effective_count(self) -> float:
-        """Independent samples that would say as much, 1 / Σ w²."""
-        return float(1.0 / (self.weights @ self.weights))
-
     def where(self, possible: NDArray[np.bool_]) -> WeightedStates:
         """Return the distribution of the possible (count,) samples alone.
 

@@ -101,14 +101,10 @@ class Predictor:
                 pass
 
     def take_states(self, perceived: PerceivedStates) -> Iterator[None]:
-        """Take over newer states, object by object, as each takes a good part of a tick's time.
+        """Take over newer states, and yield between one object and the next.
 
-        Until the last step, predictions begin with the earlier states. Steps that are left of those
-        are done first.
-
-        Yields
-        ------
-        between one object and the next
+        Each takes a good part of a tick's time. Until the last step, predictions begin with the
+        earlier states. Steps that are left of those are done first.
         """
         for _ in self._taking or ():
             pass

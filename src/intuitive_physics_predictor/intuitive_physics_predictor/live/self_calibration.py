@@ -140,12 +140,8 @@ class SelfCalibration:
     ) -> None:
         """Keep a prediction, unless one was kept just before.
 
-        Parameters
-        ----------
-        made : with times from its beginning on
-        time : s, of its beginning, on the clock of the detections
-        gravity : (3,) m/s²
-        guessed : objects whose spin is a guess
+        Its times begin at `time` (s), on the clock of the detections, with gravity (3,) m/s²;
+        `guessed` are the objects whose spin is a guess.
         """
         if self._kept and not time - self._kept[-1].time >= 0.0:
             self._kept.clear()
@@ -176,14 +172,9 @@ class SelfCalibration:
         position: NDArray[np.float64],
         covariance: NDArray[np.float64],
     ) -> None:
-        """Compare a detection with the predictions of its time.
+        """Compare a detection with the predictions of its time (s).
 
-        Parameters
-        ----------
-        object_id : of the object
-        time : s
-        position : (3,) m
-        covariance : (3, 3) m², of its error
+        It has position (3,) m and covariance (3, 3) m² of its error.
         """
         since = time - self._detected.get(object_id, -np.inf)
         # An object detected earlier than that counts as new.
@@ -236,13 +227,7 @@ class SelfCalibration:
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> SelfCalibration:
-        """Read what `to_dict` wrote.
-
-        Raises
-        ------
-        InvalidInputError
-            When the format is another one, or a part is missing or not what it must be.
-        """
+        """Read the result of `to_dict`; other data are an InvalidInputError."""
         got = data.get("format") if isinstance(data, Mapping) else type(data).__name__
         if got != FORMAT:
             raise InvalidInputError(f"calibration has the format {got!r}; expected {FORMAT!r}")
@@ -260,12 +245,9 @@ class SelfCalibration:
 
 
 def load_calibration(path: Path) -> SelfCalibration:
-    """Read a file that `save_calibration` wrote; where there is none, nothing is known.
+    """Read a file that `save_calibration` wrote; where there is none, start without comparisons.
 
-    Raises
-    ------
-    InvalidInputError
-        When the file cannot be read, or is not such a file.
+    A file that cannot be read, or is another one, is an InvalidInputError.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -282,16 +264,9 @@ def load_calibration(path: Path) -> SelfCalibration:
 
 
 def save_calibration(data: Mapping[str, Any], path: Path) -> None:
-    """Write a file that appears whole or not at all, and its folder where there is none.
+    """Write data of `SelfCalibration.to_dict` into a file, which appears whole or not at all.
 
-    Parameters
-    ----------
-    data : of `SelfCalibration.to_dict`
-
-    Raises
-    ------
-    InvalidInputError
-        When it cannot be written.
+    Its folder is made where there is none. A file that cannot be written is an InvalidInputError.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

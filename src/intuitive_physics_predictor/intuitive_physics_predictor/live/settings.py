@@ -178,12 +178,8 @@ class PredictionSettings:
     ) -> UncertainParameters:
         """Return the distribution of θ_s for the learned materials and these.
 
-        Parameters of a material that was not learned may have any value.
-
-        Raises
-        ------
-        InvalidInputError
-            When there are too many materials (`limits`).
+        Parameters of a material that was not learned may have any value. Too many materials
+        (`limits`) are refused.
         """
         if learned is None:
             check_limit("most_materials", len(materials), "materials in the scene")
@@ -199,17 +195,9 @@ class PredictionSettings:
         estimates: tuple[WeightedStates | None, ...] = (),
         calibration: SelfCalibration | None = None,
     ) -> PreparedScene:
-        """Prepare a scene to be sampled.
+        """Prepare a scene to be sampled, with estimates of its objects as `PreparedScene` has them.
 
-        Parameters
-        ----------
-        estimates : of its objects, as `PreparedScene`
-        calibration : whose factors the noise gets; None: none
-
-        Raises
-        ------
-        InvalidInputError, UnknownNameError
-            As `PreparedScene.of`.
+        The noise gets the factors of the calibration, where there is one.
         """
         return PreparedScene.of(scene, parameters, self.state_noise(calibration), estimates)
 
@@ -223,10 +211,7 @@ class PredictionSettings:
     def draw(self, prepared: PreparedScene, seed: int, sample_count: int) -> WorldBatch:
         """Draw samples; the same seed gives the same ones.
 
-        Raises
-        ------
-        InvalidInputError
-            When they have more than `largest_prediction` numbers.
+        Samples with more than `largest_prediction` numbers are refused.
         """
         objects, parameters = len(prepared.scene.objects), prepared.world.coefficients.size
         self._check_size(sample_count, objects, 1, parameters)
@@ -248,19 +233,10 @@ class PredictionSettings:
         orientations: bool = False,
         drawn: WorldBatch | None = None,
     ) -> TrajectoryDistribution:
-        """Predict a prepared scene, as `noisy_newton.predict`.
+        """Predict a prepared scene at times (n_times,) s after the states.
 
-        Parameters
-        ----------
-        times : (n_times,) s after the states
-        drawn : samples of `draw` with this scene, seed and count; default: they are drawn
-
-        Raises
-        ------
-        InvalidInputError
-            When the prediction would have more than `largest_prediction` numbers.
-        PredictionFailedError, UnsupportedSceneError
-            As `noisy_newton.predict`.
+        `drawn` are samples of `draw` with this scene, seed and count; default: they are drawn. A
+        prediction with more than `largest_prediction` numbers is refused.
         """
         self._check_size(sample_count, len(prepared.scene.objects), times.size)
         worlds = self.draw(prepared, seed, sample_count) if drawn is None else drawn

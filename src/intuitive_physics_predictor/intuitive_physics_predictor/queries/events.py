@@ -69,9 +69,7 @@ def falls_below(
 ) -> EventForecast:
     """Forecast when an object's centre is first lower than `height` (m above the frame's origin).
 
-    Parameters
-    ----------
-    gravity : (3,) m/s², which says where up is
+    gravity (3,) m/s² gives the direction of up.
     """
     up = -unit_vector(gravity, "gravity")
     return enters_region(
@@ -84,7 +82,7 @@ def touches(
 ) -> EventForecast:
     """Forecast when an object first touches another, a plane or a static box of its scene.
 
-    Parameters and errors as `touching`.
+    See `touching`.
     """
     happens = touching(distribution, scene, object_id, other_id)
     return _first(distribution, happens, distribution.times)
@@ -95,12 +93,8 @@ def comes_to_rest(
 ) -> EventForecast:
     """Forecast when an object begins to lie still until the horizon.
 
-    A sphere may spin on the spot, which changes nothing that is seen.
-
-    Parameters
-    ----------
-    distribution : with orientations where the object is not a sphere
-    scene : it was predicted from
+    A sphere may spin on the spot, which changes nothing visible. Other shapes need a distribution
+    with orientations.
     """
     paths = distribution.of(object_id)
     away = np.linalg.norm(paths - paths[:, -1:], axis=-1)

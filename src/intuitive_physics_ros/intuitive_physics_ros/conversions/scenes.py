@@ -47,12 +47,9 @@ observation_to_message = partial(observations.observation_to_message, make=make_
 def scene_from_messages(
     environment: EnvironmentMessage, objects: Sequence[ObjectStateMessage]
 ) -> Scene:
-    """Return the world that an environment and the objects in it make.
+    """Return the scene that an environment and the objects in it make.
 
-    Raises
-    ------
-    InvalidInputError
-        When a part is not what it must be, there is no object, or an id stands twice.
+    An invalid part, no object, or an id that stands twice is an InvalidInputError.
     """
     with in_field("environment"):
         surroundings = environments.environment_from_message(environment)
@@ -61,14 +58,7 @@ def scene_from_messages(
 
 
 def region_from_message(message: RegionMessage) -> Region:
-    """Return the region a message describes.
-
-    Raises
-    ------
-    InvalidInputError
-        When its kind is none of SPHERE, BOX, HALF_SPACE, a number is not finite or a size not
-        above zero.
-    """
+    """Return the region of a message; invalid numbers or kinds are an InvalidInputError."""
     center = xyz(message.pose.position)
     if message.kind == RegionMessage.SPHERE:
         return BallRegion(center, message.radius)

@@ -232,13 +232,7 @@ def bounds_to_messages(bounds: Mapping[str, Bounds]) -> list[ParameterBounds]:
 
 
 def bounds_from_messages(messages: Sequence[ParameterBounds]) -> dict[str, Bounds]:
-    """Return the bounds by kind of parameter that messages carry.
-
-    Raises
-    ------
-    InvalidInputError
-        When a kind is unknown or stands twice, or a range or scale is not what it must be.
-    """
+    """Return bounds by kind of parameter; an invalid or repeated kind is an InvalidInputError."""
     bounds: dict[str, Bounds] = {}
     for i, message in enumerate(messages):
         with in_field(f"bounds[{i}]"):

@@ -65,13 +65,7 @@ class KernelLoading:
         action()
 
     def refuse_until_loaded(self) -> None:
-        """Refuse a request that needs them while they are compiled.
-
-        Raises
-        ------
-        RefusedError
-            NOT_READY, with what the user can do.
-        """
+        """Raise RefusedError (NOT_READY) for a request while kernels are compiled."""
         if self._failure:
             raise RefusedError(ResultCode.NOT_READY, self._failure)
         if self._compiling_since is not None and not self._loaded:

@@ -146,14 +146,9 @@ def _spin(node: Node, stop: StopSignal) -> None:
 
 
 def farewell(publishers: Iterable[Publisher], limit: float = FAREWELL_LIMIT) -> None:
-    """Wait until reliable subscribers have all that was published.
+    """Wait up to `limit` s until reliable subscribers have all that was published.
 
     Else the last messages may die with this process.
-
-    Parameters
-    ----------
-    publishers : of what was published
-    limit : s to wait at most
     """
     end = time.monotonic() + limit
     for publisher in publishers:

@@ -58,7 +58,8 @@ class EnvironmentPublisher:
     ) -> None:
         """Publish a new environment as the next version.
 
-        `camera` is the header of the frame it was perceived in, `camera_pose` the camera's pose.
+        `camera` is the header of the frame it was perceived in, `camera_pose` the pose of the
+        camera in the environment's frame.
         """
         self.version += 1
         self._environments.publish(

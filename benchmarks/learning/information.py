@@ -89,7 +89,7 @@ def bound_of(size: str, task: Task, seed: int) -> Bound:
     )
 
     def fit(of: JointEstimationSettings) -> JointFit:
-        return JointFit(cost, space, influence[:, learning.active], prior, of)
+        return JointFit(learning.fit_task, of)
 
     growing, deviations = fit(settings), prior.deviations
     held = _advanced(held, growing)

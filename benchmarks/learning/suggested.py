@@ -233,9 +233,7 @@ def _fitted(
     cost = TrajectoryCost(observations, simulator, space.materials)
     influence = parameter_influence(observations, space.materials)
     task = LearningTask(cost, space, influence, space.to_parameters(start))
-    fit = JointFit(
-        cost, task.searched, influence[:, task.active], task.prior, JointEstimationSettings()
-    )
+    fit = JointFit(task.fit_task, JointEstimationSettings())
     while fit.steps < MOST_STEPS and not fit.settled:
         fit.step()
     unit = start.copy()

@@ -56,9 +56,7 @@ def joint_run(task: Task, time_limit: float) -> JointRun:
     cost = task.training_cost()
     influence = parameter_influence(cost.observations, cost.materials)
     learning = LearningTask(cost, space, influence, task.start)
-    active = influence[:, learning.active]
-    generator = np.random.default_rng(0)
-    search = JointSearch(cost, learning.searched, active, learning.prior, generator)
+    search = JointSearch(learning, np.random.default_rng(0))
     rows = []
     seconds = 0.0
     while seconds <= time_limit and search.step(1) > 0:

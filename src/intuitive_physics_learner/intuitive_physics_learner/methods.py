@@ -58,10 +58,7 @@ def make_search(
     """Return the search by the method of that name, ready to run."""
     check_method(name, rule_settings=rule_settings)
     if name == JOINT_METHOD:
-        influence = task.influence[:, task.active]
-        return JointSearch(
-            task.cost, task.searched, influence, task.prior, generator, fitted=task.fitted_cost
-        )
+        return JointSearch(task, generator)
     size = task.searched.size
     rule = make_update_rule(name, size, generator, task.begin, **(rule_settings or {}))
     return ParameterSearch(CachedCost(task.cost).costs, task.searched, rule)

@@ -88,8 +88,7 @@ def test_without_an_observation_the_others_alone_decide():
 
 def test_the_likelihood_of_an_observation_is_its_own_whatever_the_fit_makes_of_it(gliding_task):
     task = gliding_task([0.6, 0.6, 0.6], position_deviation=0.02, count=60)
-    influence = task.influence[:, task.active]
-    fit = JointFit(task.cost, task.searched, influence, task.prior, JointEstimationSettings())
+    fit = JointFit(task.fit_task, JointEstimationSettings())
     for _ in range(3):
         fit.step()
     before = fit.likelihoods()

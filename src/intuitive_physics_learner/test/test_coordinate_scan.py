@@ -99,8 +99,7 @@ def test_a_scan_leaves_a_local_optimum(gliding_task):
     task = gliding_task([0.95, 0.95], effect=valley, noise=0.002)
 
     def fitted(settings):
-        influence = task.influence[:, task.active]
-        fit = JointFit(task.cost, task.searched, influence, task.prior, settings)
+        fit = JointFit(task.fit_task, settings)
         for _ in range(12):
             fit.step()
         return fit.unit[3]

@@ -10,9 +10,7 @@ from intuitive_physics_learner.joint_estimation.cost_descent import CostDescent
 
 
 def descent_of(task, seed=0):
-    influence = task.influence[:, task.active]
-    generator = np.random.default_rng(seed)
-    return CostDescent(task.cost, task.searched, influence, generator)
+    return CostDescent(task.fit_task, np.random.default_rng(seed))
 
 
 def run(descent, steps=10_000):

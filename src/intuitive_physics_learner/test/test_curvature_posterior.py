@@ -39,10 +39,7 @@ def least_squares(monkeypatch):
 
 
 def model_of(task):
-    influence = task.influence[:, task.active]
-    return TrajectoryModel(
-        task.cost, task.searched, influence, task.prior, JointEstimationSettings()
-    )
+    return TrajectoryModel(task.fit_task, JointEstimationSettings())
 
 
 def information_of(task, model, horizons, slope=1.0):

@@ -172,7 +172,7 @@ def test_fits_continue_from_their_state(block):
 
 def test_a_joint_fit_reaches_the_end_of_what_it_can_predict(gliding_task):
     task = gliding_task([0.6, 0.6, 0.6], position_deviation=0.02, count=60)
-    fit = JointFit(task.cost, task.searched, task.influence[:, task.active], task.prior, SETTINGS)
+    fit = JointFit(task.fit_task, SETTINGS)
     for _ in range(40):
         fit.step()
     assert fit.settled

@@ -12,7 +12,6 @@ from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import (
-    ActiveSpace,
     ConvergenceCriteria,
     LearningOptions,
     TrajectoryCost,
@@ -38,28 +37,22 @@ from intuitive_physics_learner.joint_estimation.point_noise import (
 )
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.methods import JOINT_METHOD
-from intuitive_physics_learner.search.learning_task import GaussianPrior, LearningTask
+from intuitive_physics_learner.search.learning_task import LearningTask
 
 MATERIALS = ("ball", "floor")
 NOISE, STATE_NOISE = 0.005, 0.02
 """m, and m of initial states, whose velocities err by five times that in m/s."""
 
 
+def task_of(cost):
+    influence = parameter_influence(cost.observations, cost.materials)
+    space, start = ParameterSpace(cost.materials), StaticParameters.uniform(cost.materials)
+    return LearningTask(cost, space, influence, start)
+
+
 def joint_search(observed, simulator):
-    space = ParameterSpace(MATERIALS)
-    influence = parameter_influence(observed, MATERIALS)
-    active = influence.any(axis=0)
-    start = StaticParameters.uniform(MATERIALS)
-    searched = ActiveSpace(space, active, start)
-    cost = TrajectoryCost(observed, simulator, MATERIALS)
-    begin = searched.to_unit(start)
-    return JointSearch(
-        cost,
-        searched,
-        influence[:, active],
-        GaussianPrior.uninformative(begin),
-        np.random.default_rng(0),
-    )
+    task = task_of(TrajectoryCost(observed, simulator, MATERIALS))
+    return JointSearch(task, np.random.default_rng(0))
 
 
 def blown_aside(observed, acceleration):
@@ -234,10 +227,8 @@ class CountingCost(TrajectoryCost):
 
 def test_judges_in_little_time_where_little_is_left(event_driven, throws):
     cost = CountingCost(throws(8, 5, NOISE, STATE_NOISE), event_driven)
-    influence = parameter_influence(cost.observations, cost.materials)
-    space = ParameterSpace(cost.materials)
-    task = LearningTask(cost, space, influence, StaticParameters.uniform(cost.materials))
-    fit = StagedFit(cost, task.searched, influence[:, task.active], task.prior)
+    task = task_of(cost)
+    fit = StagedFit(task.fit_task)
     for _ in range(12):
         fit.step()
 

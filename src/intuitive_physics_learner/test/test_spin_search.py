@@ -57,8 +57,7 @@ def model_of(spin, parameters=GRIPPY, known=False):
     cost = TrajectoryCost(observed, make_simulator("event_driven"))
     space, influence = ParameterSpace(cost.materials), parameter_influence(observed, cost.materials)
     task = LearningTask(cost, space, influence, parameters)
-    own = influence[:, task.active]
-    return TrajectoryModel(task.cost, task.searched, own, task.prior, SETTINGS)
+    return TrajectoryModel(task.fit_task, SETTINGS)
 
 
 def other_spin(model):
@@ -108,8 +107,7 @@ def test_a_fit_that_has_reached_the_end_is_left_alone():
 def test_what_is_said_of_a_spin_is_that_of_the_one_that_explains_more():
     # Before the bounce, where the fit begins, the spin moves nothing.
     model = model_of((0.0, -40.0, 0.0))
-    own = np.ones((1, model.prior.mean.size), dtype=bool)
-    fit = JointFit(model.cost, model.space, own, model.prior, SETTINGS)
+    fit = JointFit(model.task, SETTINGS)
     ((alone,),) = (one.spins for one in fit.likelihoods())
     ((found,),) = (one.spins for one in fit.likelihoods(look_for_spins=True))
     assert not alone.precision.any()

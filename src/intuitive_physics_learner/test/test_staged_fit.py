@@ -21,7 +21,7 @@ from intuitive_physics_learner.joint_estimation.staged_fit import (
     StagedFit,
     separable,
 )
-from intuitive_physics_learner.search.learning_task import LearningTask
+from intuitive_physics_learner.search.learning_task import FitTask, LearningTask
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
 STEPS = 4
@@ -71,8 +71,7 @@ def task(event_driven, throws):
 
 
 def fit_of(task):
-    influence = task.influence[:, task.active]
-    return StagedFit(task.cost, task.searched, influence, task.prior)
+    return StagedFit(task.fit_task)
 
 
 @given(
@@ -118,9 +117,8 @@ def test_an_object_is_fitted_as_if_there_were_no_other(task):
         space = ActiveSpace(task.space, whole, task.start)
         prior = task.prior.marginal(np.flatnonzero(own))
         cost = PartialCost(task.cost, members)
-        fit = JointFit(
-            cost, space, influence[np.ix_(members, own)], prior, JointEstimationSettings()
-        )
+        part = FitTask(cost, space, influence[np.ix_(members, own)], prior)
+        fit = JointFit(part, JointEstimationSettings())
         for _ in range(STEPS):
             if not fit.settled:
                 fit.step()

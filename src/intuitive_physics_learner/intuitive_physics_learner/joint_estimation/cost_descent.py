@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
     SCAN_LEVELS,
     ScanCandidates,
@@ -37,7 +36,7 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     ObservationBlock,
     observation_blocks,
 )
-from intuitive_physics_learner.search.search_space import SearchSpace
+from intuitive_physics_learner.search.learning_task import FitTask
 from intuitive_physics_learner.search.update_rules import HybridRandomSearch, UpdateRule
 
 DESCENT_DAMPINGS = (1e-3, 1e-2, 0.1, 1.0, 10.0)
@@ -78,8 +77,6 @@ distances has no slope at zero; set by hand."""
 class CostDescent:
     """Gauss-Newton steps on J, from the best of some points.
 
-    `influence` (n_observations, n) bool, which observation can depend on which parameter.
-
     Attributes
     ----------
     unit : (n,) the point of the unit cube with the lowest J so far
@@ -90,17 +87,16 @@ class CostDescent:
 
     def __init__(
         self,
-        cost: Cost,
-        space: SearchSpace,
-        influence: NDArray[np.bool_],
+        task: FitTask,
         generator: np.random.Generator,
     ) -> None:
-        self._cost = cost
-        self._space = space
-        self._influence = influence
-        self._groups = separate_groups(influence)
-        self._blocks = observation_blocks(cost.observations, influence, free_states=False)
-        self.unit = np.full(space.size, 0.5)
+        self._cost = task.cost
+        self._space = task.space
+        self._influence = task.influence
+        self._groups = separate_groups(task.influence)
+        observations = task.cost.observations
+        self._blocks = observation_blocks(observations, task.influence, free_states=False)
+        self.unit = np.full(task.space.size, 0.5)
         self.cost = np.inf
         self.finished = False
         self._generator = generator

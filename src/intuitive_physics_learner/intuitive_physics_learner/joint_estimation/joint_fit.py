@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics_learner.cost.cost_function import Cost
-from intuitive_physics_learner.cost.partial_cost import PartialCost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
     SCAN_LEVELS,
     SMALLEST_SCAN_GAIN,
@@ -39,8 +37,7 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
 )
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
-from intuitive_physics_learner.search.learning_task import GaussianPrior
-from intuitive_physics_learner.search.search_space import SearchSpace
+from intuitive_physics_learner.search.learning_task import FitTask, GaussianPrior
 
 HELD_STEPS = 3
 """Steps of initial states alone by which two θ_s are compared; set by hand."""
@@ -98,11 +95,9 @@ class ObservationFit:
 class JointFit:
     """Fits all trajectories, each from an initial state of its own and up to its fit horizon.
 
-    `influence` (n_observations, n) bool, which observation can depend on which parameter.
-
     Attributes
     ----------
-    prior : as given
+    prior : that of the task
     settings : as given
     steps : taken so far
     misfits : share of the observations with a misfit in the last step
@@ -111,15 +106,12 @@ class JointFit:
 
     def __init__(
         self,
-        cost: Cost,
-        space: SearchSpace,
-        influence: NDArray[np.bool_],
-        prior: GaussianPrior,
+        task: FitTask,
         settings: JointEstimationSettings,
     ) -> None:
         self.settings = settings
-        self.prior = prior
-        self._model = TrajectoryModel(cost, space, influence, prior, settings)
+        self.prior = task.prior
+        self._model = TrajectoryModel(task, settings)
         self._estimate = self._model.initial_estimate()
         self.responsive = np.zeros(self.unit.size, dtype=bool)
         self._damping = FIRST_DAMPING
@@ -284,15 +276,14 @@ class JointFit:
     ) -> tuple[NDArray[np.float64], list[ObservationFit]]:
         """Fit initial states with θ_s held; return the loss (n_observations,) of each, and them."""
         model = self._model
-        fit = self._held_fit(model.cost, model.influence, unit, fits)
+        fit = self._held_fit(model.task, unit, fits)
         losses = np.array([one.loss for one in fit.likelihoods()])
         model.simulations += fit.simulations
         return losses, fit.observation_fits()
 
     def _held_fit(
         self,
-        cost: Cost,
-        influence: NDArray[np.bool_],
+        task: FitTask,
         unit: NDArray[np.float64],
         fits: Sequence[ObservationFit],
         spins: InitialSpins | None = None,
@@ -302,8 +293,7 @@ class JointFit:
         `unit` (n,) θ_s on the unit cube, which is held.
         """
         prior = GaussianPrior(unit, HELD_PRECISION * np.eye(unit.size))
-        settings = self.settings.with_fixed_horizons()
-        fit = JointFit(cost, self._model.space, influence, prior, settings)
+        fit = JointFit(replace(task, prior=prior), self.settings.with_fixed_horizons())
         fit._model.widen_spins(spins or InitialSpins())
         fit.begin_at(unit, prior.deviations, fits)
         for _ in range(HELD_STEPS):
@@ -321,8 +311,7 @@ class JointFit:
             return {}
         members = np.array(sorted(others))
         begun = [ObservationFit(others[m][0], fits[m].deviations, others[m][1]) for m in members]
-        cost, influence = PartialCost(model.cost, members), model.influence[members]
-        fit = self._held_fit(cost, influence, self.unit, begun, model.spins)
+        fit = self._held_fit(model.task.of(members), self.unit, begun, model.spins)
         found = fit.likelihoods()
         explained = np.zeros(members.size, dtype=bool)
         for block, part in fit._model.parts(fit._estimate):
@@ -483,7 +472,7 @@ class JointFit:
         places = SCAN_LEVELS
         rises, found = self._model.scanned(self._estimate, linear, places)
         levels = np.argmin(rises, axis=1)
-        moves = compatible_moves(-rises.min(axis=1), self._model.influence, SMALLEST_SCAN_GAIN)
+        moves = compatible_moves(-rises.min(axis=1), self._model.task.influence, SMALLEST_SCAN_GAIN)
         for (block, part), estimates in zip(self._model.parts(self._estimate), found, strict=True):
             for parameter in moves:
                 rows, columns = np.nonzero(block.parameters == parameter)

@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 
 from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRECISION
 from intuitive_physics.parameter_space import parameter_vector
-from intuitive_physics_learner.cost.partial_cost import PartialCost
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.search.identifiability import Identifiability, widened_information
@@ -215,26 +214,18 @@ def _agreed(
     out_of_time: Callable[[], bool],
 ) -> NDArray[np.float64]:
     """Fit halves of the observations, and return the deviations (n,) with which they agree."""
-    fit, searched, influence = staged.joint, task.searched, task.influence[:, task.active]
-    if len(influence) < FEWEST_OBSERVATIONS:
+    fit = staged.joint
+    if len(task.influence) < FEWEST_OBSERVATIONS:
         return deviations
-    fits = [
-        StagedFit(
-            PartialCost(task.fitted_cost, members),
-            searched,
-            influence[members],
-            fit.prior,
-            fit.settings,
-        )
-        for members in halves(influence)
-    ]
+    whole = task.fit_task
+    fits = [StagedFit(whole.of(members), fit.settings) for members in halves(whole.influence)]
     # Side by side, so that neither is ahead where time runs out.
     for _ in range(staged.steps):
         for part in fits:
             if not part.settled and not (part.steps and out_of_time()):
                 part.step()
     first, second = (Half(part.joint.unit, part.joint.posterior()[1]) for part in fits)
-    families = _families(searched.names)
+    families = _families(task.searched.names)
     return agreed_deviations(fit.unit, deviations, (first, second), families, free)
 
 

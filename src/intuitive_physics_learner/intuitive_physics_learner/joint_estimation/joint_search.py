@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,15 +11,13 @@ from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.cost_descent import CostDescent
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.joint_identifiability import joint_identifiability
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.search.identifiability import Identifiability
-from intuitive_physics_learner.search.learning_task import GaussianPrior, LearningTask
+from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.parameter_search import Search
-from intuitive_physics_learner.search.search_space import SearchSpace
 
 LARGEST_MISFIT_SHARE = 0.3
 """Mean share of observations with a misfit above which the simulation must lack an effect: just
@@ -41,29 +40,21 @@ class JointSearch(Search):
 
     Parameters
     ----------
-    cost : J
-    space : maps the unit cube of the n parameters to θ_s
-    influence : (n_observations, n) bool, which observation can depend on which parameter
-    prior : of the n parameters; the search begins at its mean
+    task : what to learn
     generator : of the random numbers of the descent of J
-    fitted : simulates the points to be fitted; None: those of `cost`
     """
 
     def __init__(
         self,
-        cost: Cost,
-        space: SearchSpace,
-        influence: NDArray[np.bool_],
-        prior: GaussianPrior,
+        task: LearningTask,
         generator: np.random.Generator,
-        *,
-        fitted: Cost | None = None,
     ) -> None:
         super().__init__()
-        self._cost = cost
-        self._space = space
-        self._staged = StagedFit(fitted or cost, space, influence, prior)
-        self._descent = CostDescent(cost, space, influence, generator)
+        fit_task = task.fit_task
+        self._cost = task.cost
+        self._space = fit_task.space
+        self._staged = StagedFit(fit_task)
+        self._descent = CostDescent(replace(fit_task, cost=task.cost), generator)
         self._misfits: list[float] = []
         self._lowest = self.fit.unit
         self._lowest_cost = np.inf

@@ -20,12 +20,9 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from intuitive_physics.observation import Observation
-from intuitive_physics_learner.cost.cost_function import Cost
-from intuitive_physics_learner.cost.partial_cost import PartialCost
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
-from intuitive_physics_learner.search.learning_task import GaussianPrior
-from intuitive_physics_learner.search.search_space import PartialSpace, SearchSpace
+from intuitive_physics_learner.search.learning_task import FitTask
 
 SEPARATE_STEPS = 20
 """Steps at most of the fits to objects that moved alone, each object by itself, before all
@@ -57,8 +54,6 @@ class SeparateFit:
 class StagedFit:
     """Fits objects that moved alone, each by itself, and then all observations jointly.
 
-    `influence` (n_observations, n) bool, which observation can depend on which parameter.
-
     Attributes
     ----------
     joint : the fit to all observations; before it takes steps of its own it holds what the separate
@@ -68,25 +63,21 @@ class StagedFit:
 
     def __init__(
         self,
-        cost: Cost,
-        space: SearchSpace,
-        influence: NDArray[np.bool_],
-        prior: GaussianPrior,
+        task: FitTask,
         settings: JointEstimationSettings | None = None,
     ) -> None:
         settings = settings or JointEstimationSettings()
-        groups = separable(cost.observations, influence)
-        if sum(map(len, groups)) < SMALLEST_SEPARATE_SHARE * len(cost.observations):
+        groups = separable(task.cost.observations, task.influence)
+        if sum(map(len, groups)) < SMALLEST_SEPARATE_SHARE * len(task.cost.observations):
             groups = []
         # A scan takes as long as four steps, and separate fits have scanned their parameters.
         ahead = replace(settings, scan_steps=()) if groups else settings
-        self.joint = JointFit(cost, space, influence, prior, ahead)
+        self.joint = JointFit(task, ahead)
         self.steps = 0
         self._separate = []
         for members in groups:
-            own = np.flatnonzero(influence[members].any(axis=0))
-            task = PartialCost(cost, members), PartialSpace(space, own, prior.mean)
-            fit = JointFit(*task, influence[np.ix_(members, own)], prior.marginal(own), settings)
+            own = np.flatnonzero(task.influence[members].any(axis=0))
+            fit = JointFit(task.part(members, own), settings)
             self._separate.append(SeparateFit(members, own, fit))
 
     @property

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
     SCAN_LEVELS,
     ScanCandidates,
@@ -40,8 +39,7 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     observation_blocks,
 )
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
-from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
-from intuitive_physics_learner.search.search_space import SearchSpace
+from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, FitTask
 
 CURVATURE_WIDENING = 3.0
 """Factor on the steps of the finite differences from which the posterior is computed; set by
@@ -83,11 +81,10 @@ class Estimate:
 class TrajectoryModel:
     """Simulates observations near an estimate.
 
-    `influence` (n_observations, n) bool, which observation can depend on which parameter.
-
     Attributes
     ----------
-    prior : as given
+    task : as given
+    cost, space, prior : those of the task
     blocks : the observations
     spins : spreads of initial spins by which the priors of those that were guesses are widened
     simulations : of single observations, so far
@@ -95,28 +92,25 @@ class TrajectoryModel:
 
     def __init__(
         self,
-        cost: Cost,
-        space: SearchSpace,
-        influence: NDArray[np.bool_],
-        prior: GaussianPrior,
+        task: FitTask,
         settings: JointEstimationSettings,
     ) -> None:
-        self.cost = cost
-        self.space = space
-        self.influence = influence
-        self.prior = prior
+        self.task = task
+        self.cost = task.cost
+        self.space = task.space
+        self.prior = task.prior
         self.settings = settings
         self.simulations = 0
-        self.blocks = self._stated = observation_blocks(cost.observations, influence)
+        self.blocks = self._stated = observation_blocks(task.cost.observations, task.influence)
         self.spins = InitialSpins()
         self._unknown_spins = {
-            int(member): unknown_spins(cost.observations[member], components)
+            int(member): unknown_spins(task.cost.observations[member], components)
             for block in self.blocks
             for member, components in zip(
                 block.members, block.initial_states.components, strict=True
             )
         }
-        self._groups = separate_groups(influence)
+        self._groups = separate_groups(task.influence)
 
     def initial_estimate(self) -> Estimate:
         """Return the estimate before any step: the prior, and the observed initial states."""

@@ -14,7 +14,7 @@ from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit, ObservationFit
 from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
-from intuitive_physics_learner.search.learning_task import GaussianPrior
+from intuitive_physics_learner.search.learning_task import FitTask, GaussianPrior
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
 LONE_STEPS = 24
@@ -37,19 +37,14 @@ LARGEST_ADVANCE = 0.5
 nothing, for what is known predicts farther; set by hand."""
 
 
-FitTask = tuple[Cost, ActiveSpace, NDArray[np.bool_], GaussianPrior]
-"""Parts of a joint fit: cost of the observations, space of the n parameters, (n_observations, n)
-which observation can depend on which, and prior."""
-
-
 def log_evidence(task: FitTask, found: JointFit, horizons: Sequence[float]) -> float:
     """Return ln ∫ p(points up to horizons | θ_s) p(θ_s) dθ_s by Laplace's approximation.
 
     `horizons` in s, the last time of each observation that counts; evidences up to different ones
     do not compare.
     """
-    *_, prior = task
-    fit = JointFit(*task, JointEstimationSettings().with_fixed_horizons())
+    prior = task.prior
+    fit = JointFit(task, JointEstimationSettings().with_fixed_horizons())
     fits = zip(found.observation_fits(), horizons, strict=True)
     fit.begin_at(found.unit, prior.deviations, [replace(one, horizon=h) for one, h in fits])
     for _ in range(SCORING_STEPS):
@@ -78,21 +73,23 @@ class LoneFit:
         space: ParameterSpace,
         influence: NDArray[np.bool_],
         prior: GaussianPrior,
+        others: StaticParameters,
         *,
         scans: tuple[int, ...] = (),
         careful: bool = False,
-        others: StaticParameters | None = None,
     ) -> None:
-        self._cost = cost
         self._steps = RETRY_STEPS if careful else LONE_STEPS
         self._own = np.flatnonzero(influence)
-        self._prior = prior.marginal(self._own)
-        others = others or space.to_parameters(np.clip(prior.mean, 0.0, 1.0))
-        self._space = ActiveSpace(space, influence, others)
+        self._task = FitTask(
+            cost,
+            ActiveSpace(space, influence, others),
+            np.ones((1, self._own.size), dtype=bool),
+            prior.marginal(self._own),
+        )
         settings = JointEstimationSettings(scan_steps=scans)
         if not careful:
             settings = replace(settings, largest_advance=LARGEST_ADVANCE)
-        self._fit = JointFit(cost, self._space, self._everything, self._prior, settings)
+        self._fit = JointFit(self._task, settings)
         self.blocked = False
 
     def run(self) -> None:
@@ -117,28 +114,21 @@ class LoneFit:
 
     def likelihood(self) -> LocalLikelihood:
         """Return the likelihood of all n parameters near the estimate."""
-        return self._among_all(self._fit.likelihoods(look_for_spins=True)[0])
+        (found,) = self._fit.likelihoods(look_for_spins=True)
+        return replace(found, parameters=self._own[found.parameters])
 
     def log_evidence(self, horizon: float) -> float:
         """Return ln ∫ p(points up to a horizon | θ_s) p(θ_s) dθ_s by Laplace's approximation.
 
         `horizon` in s, the last time that counts; evidences up to different ones do not compare.
         """
-        task = self._cost, self._space, self._everything, self._prior
-        return log_evidence(task, self._fit, [horizon])
-
-    @property
-    def _everything(self) -> NDArray[np.bool_]:
-        return np.ones((1, self._own.size), dtype=bool)
-
-    def _among_all(self, likelihood: LocalLikelihood) -> LocalLikelihood:
-        return replace(likelihood, parameters=self._own[likelihood.parameters])
+        return log_evidence(self._task, self._fit, [horizon])
 
 
 def window_fit(task: FitTask, scans: tuple[int, ...]) -> JointFit:
     """Return a fit of several observations that begins at the prior's mean."""
     return JointFit(
-        *task, JointEstimationSettings(largest_advance=LARGEST_ADVANCE, scan_steps=scans)
+        task, JointEstimationSettings(largest_advance=LARGEST_ADVANCE, scan_steps=scans)
     )
 
 

@@ -38,7 +38,7 @@ from intuitive_physics_learner.online.information import (
 from intuitive_physics_learner.online.online_state import Member, OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.search.identifiability import widened_information
-from intuitive_physics_learner.search.learning_task import GaussianPrior
+from intuitive_physics_learner.search.learning_task import FitTask, GaussianPrior
 from intuitive_physics_learner.search.search_space import ActiveSpace
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
 
@@ -285,9 +285,9 @@ class OnlineLearner:
             self.state.space,
             influence,
             prior,
+            self.state.parameters,
             scans=scans,
             careful=careful,
-            others=self.state.parameters,
         )
         fit.run()
         self.simulations += fit.simulations
@@ -407,7 +407,7 @@ class OnlineLearner:
         points = [detected(each) for each in seen]
         cost = TrajectoryCost(points, self._simulator, state.materials)
         space = ActiveSpace(self.state.space, active, self.state.parameters)
-        task = (cost, space, influence[:, active], prior.marginal(own))
+        task = FitTask(cost, space, influence[:, active], prior.marginal(own))
         scans = (2,) if self._scans() else ()
         deviations = self.state.prior.deviations[own]
         fit = window_fit(task, scans)

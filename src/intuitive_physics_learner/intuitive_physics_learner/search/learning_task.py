@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,8 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.cost.cost_function import Cost
-from intuitive_physics_learner.search.search_space import ActiveSpace
+from intuitive_physics_learner.cost.partial_cost import PartialCost
+from intuitive_physics_learner.search.search_space import ActiveSpace, PartialSpace, SearchSpace
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +63,42 @@ class GaussianPrior:
 
 
 @dataclass(frozen=True, eq=False)
+class FitTask:
+    """What a fit to trajectories is of.
+
+    Parameters
+    ----------
+    cost : simulates the observations
+    space : maps the unit cube of the n parameters to θ_s
+    influence : (n_observations, n) bool, which observation can depend on which parameter
+    prior : of the n parameters; a fit begins at its mean
+    """
+
+    cost: Cost
+    space: SearchSpace
+    influence: NDArray[np.bool_]
+    prior: GaussianPrior
+
+    def of(self, members: NDArray[np.int64]) -> FitTask:
+        """Return the task of some observations, `members` (k,) by their indices."""
+        return replace(
+            self, cost=PartialCost(self.cost, members), influence=self.influence[members]
+        )
+
+    def part(self, members: NDArray[np.int64], chosen: NDArray[np.int64]) -> FitTask:
+        """Return the task of some observations over some parameters; the others are held.
+
+        `members` (k,) indices of the observations; `chosen` (l,) of the parameters.
+        """
+        return FitTask(
+            PartialCost(self.cost, members),
+            PartialSpace(self.space, chosen, self.prior.mean),
+            self.influence[np.ix_(members, chosen)],
+            self.prior.marginal(chosen),
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class LearningTask:
     """One θ_s to learn.
 
@@ -87,11 +124,6 @@ class LearningTask:
     start_was_learned: bool = False
 
     @property
-    def fitted_cost(self) -> Cost:
-        """What simulates the points to be fitted: those detected, where they are known."""
-        return self.detected_cost or self.cost
-
-    @property
     def active(self) -> NDArray[np.bool_]:
         """Parameters that any observation can depend on, (|θ_s|,) bool."""
         return np.asarray(self.influence.any(axis=0))
@@ -110,3 +142,13 @@ class LearningTask:
     def prior(self) -> GaussianPrior:
         """What is known of the active parameters before these observations."""
         return self.known or GaussianPrior.uninformative(self.begin)
+
+    @property
+    def fit_task(self) -> FitTask:
+        """The fit over the active parameters to the points detected, where these are known."""
+        return FitTask(
+            self.detected_cost or self.cost,
+            self.searched,
+            self.influence[:, self.active],
+            self.prior,
+        )

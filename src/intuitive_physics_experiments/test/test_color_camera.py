@@ -83,15 +83,6 @@ def test_noise_has_its_deviation(renderer):
     assert np.std(noisy - clean) == pytest.approx(3.0, rel=0.05)
 
 
-def test_an_exposure_blurs_what_turns(renderer):
-    ball = ColoredBall(AHEAD, 0.1, BallSurface("dots"), angular_velocity=np.array([0.0, 0.0, 40.0]))
-    sharp, blurred = (read(renderer, ball, replace(SILENT, exposure=t)) for t in (0.0, 0.01))
-    u, v = np.rint(renderer.camera.project(AHEAD)).astype(int)
-    inside = slice(v - 15, v + 16), slice(u - 15, u + 16)
-    steps = [np.square(np.diff(image[inside], axis=1)).sum() for image in (sharp, blurred)]
-    assert steps[1] < 0.7 * steps[0]
-
-
 def test_orientation_is_the_integral_of_the_spin():
     times = np.linspace(0.0, 1.0, 121)
     spin = np.array([1.0, -2.0, 0.5])

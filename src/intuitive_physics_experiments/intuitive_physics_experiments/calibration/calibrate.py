@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.simulation import Simulator, make_simulator
+from intuitive_physics.simulation import Simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics_cli.evaluation.evaluation import free_flight
 from intuitive_physics_predictor.noise import StateNoise, StateSpread
@@ -54,7 +54,13 @@ class Scores:
 
     def coverage(self, probability: float) -> NDArray[np.float64]:
         """Share of outcomes inside the region of that probability, (n_horizons,)."""
-        return np.array([coverage(known(at), probability) for at in self.levels.swapaxes(0, 1)])
+        unknown = np.isnan(self.levels).any(axis=-1)
+        return np.array(
+            [
+                coverage(self.levels[~unknown[:, h], h], probability)
+                for h in range(self.levels.shape[1])
+            ]
+        )
 
     @staticmethod
     def pooled(parts: Sequence[Scores]) -> Scores:
@@ -80,11 +86,6 @@ def score(outcomes: Sequence[Outcome], prediction: Prediction, seed: int) -> Sco
             )
         )
     return Scores(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-
-
-def known(levels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rows (n_known, 2) of levels (n, 2) whose outcome is known: those without NaN."""
-    return levels[~np.isnan(levels).any(axis=1)]
 
 
 def _levels(samples: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -131,7 +132,6 @@ def fitted_fixed_noise(
     sample_count: int,
     simulator: Simulator,
     seed: int,
-    evaluations: int = 15,
 ) -> float:
     """Return the fixed noise whose predictions of `outcomes` have the best energy score."""
 
@@ -149,14 +149,9 @@ def fitted_fixed_noise(
         relative_score,
         bounds=(np.log(0.1 * FIXED_NOISE), np.log(LARGEST_FIXED_NOISE)),
         method="bounded",
-        options={"maxiter": evaluations},
+        options={"maxiter": 15},
     )
     return float(np.exp(fit.x))
-
-
-def single_rollout(learned: LearnedParameters, simulator: Simulator) -> Prediction:
-    """Return one simulation from the states as perceived, with θ_s as learned."""
-    return fixed_noise(learned, 0.0, 1, simulator)
 
 
 def free_flights(sample_count: int) -> Prediction:
@@ -305,9 +300,9 @@ def calibrate(
     *,
     scales_to_fit: Sequence[str] = FITTED_SCALES,
     start: NoiseScales | None = None,
-    sample_count: int = 100,
-    seed: int = 0,
-    simulator: Simulator | None = None,
+    sample_count: int,
+    seed: int,
+    simulator: Simulator,
 ) -> Calibration:
     """Fit the noise to the past, then score predictions of held-out outcomes.
 
@@ -315,7 +310,6 @@ def calibrate(
     s. `scales_to_fit` and `start` are those of `fit_noise_scales`; the fits take half of
     `sample_count` simulations.
     """
-    engine = simulator or make_simulator("auto")
     few = max(sample_count // 2, FEWEST_SAMPLES)
     fit = fit_noise_scales(
         past,
@@ -324,16 +318,16 @@ def calibrate(
         start=start,
         seed=seed,
         sample_count=few,
-        simulator=engine,
+        simulator=simulator,
     )
-    fixed = fitted_fixed_noise(past, learned, few, engine, seed)
+    fixed = fitted_fixed_noise(past, learned, few, simulator, seed)
     once, paper, flight = BASELINES
     ways: dict[str, Prediction] = {
-        OURS: noisy_prediction(learned, fit.scales, sample_count, engine),
-        once: single_rollout(learned, engine),
-        paper: fixed_noise(learned, FIXED_NOISE, sample_count, engine),
+        OURS: noisy_prediction(learned, fit.scales, sample_count, simulator),
+        once: fixed_noise(learned, 0.0, 1, simulator),
+        paper: fixed_noise(learned, FIXED_NOISE, sample_count, simulator),
         flight: free_flights(sample_count),
-        FITTED: fixed_noise(learned, fixed, sample_count, engine),
+        FITTED: fixed_noise(learned, fixed, sample_count, simulator),
     }
     scores = {name: score(held_out, way, seed + 1) for name, way in ways.items()}
     ideal = {

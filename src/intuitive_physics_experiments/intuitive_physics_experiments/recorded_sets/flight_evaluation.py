@@ -146,7 +146,6 @@ def learned_from(flights: Sequence[SpinFlight]) -> list[SpinFlight]:
 def fit_prior(
     model: BallModel,
     flights: Sequence[SpinFlight],
-    start: BallPrior = START,
     progress: Callable[[], None] = lambda: None,
 ) -> BallPrior:
     """Learn how coefficients and spins vary from flight to flight.
@@ -160,7 +159,7 @@ def fit_prior(
         raise InvalidInputError(
             f"{bounced.sum()} flights to learn from have a bounce; expected at least four"
         )
-    prior = start
+    prior = START
     for _ in range(ROUNDS):
         estimates = []
         for flight in used:

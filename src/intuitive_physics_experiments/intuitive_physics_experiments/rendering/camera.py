@@ -15,6 +15,7 @@ from intuitive_physics.validation import finite_array, positive_float, unit_vect
 # Name of the camera's frame: x right, y down, z forward (REP 103).
 OPTICAL_FRAME = "camera_depth_optical_frame"
 
+FOCAL_LENGTH = 460.0  # pixels, of cameras that look at something
 UP = np.array([0.0, 0.0, 1.0])  # Unit vector in the world
 
 
@@ -49,7 +50,6 @@ class Camera:
         *,
         width: int = 640,
         height: int = 480,
-        focal_length: float = 460.0,
     ) -> Camera:
         """Return an upright camera at a position (3,) m with the target (3,) m in its centre."""
         origin = finite_array(position, "camera position", (3,))
@@ -58,7 +58,7 @@ class Camera:
             raise InvalidInputError("camera looks along the vertical; expected another direction")
         right = unit_vector(np.cross(forward, UP), "camera's right")
         rotation = np.column_stack([right, np.cross(forward, right), forward])
-        return Camera(width, height, focal_length, origin, rotation)
+        return Camera(width, height, FOCAL_LENGTH, origin, rotation)
 
     @property
     def principal_point(self) -> tuple[float, float]:

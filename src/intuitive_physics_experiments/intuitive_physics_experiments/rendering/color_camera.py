@@ -57,13 +57,12 @@ class ColorNoise:
     # pixels, standard deviation of what lens and demosaicing make of a point; the noise is blurred
     # by half of it
     blur: float = 0.5
-    exposure: float = 0.0  # s, for which a ball moves and turns while it is seen
 
     def __post_init__(self) -> None:
-        if min(self.deviation, self.blur, self.exposure) < 0.0:
+        if min(self.deviation, self.blur) < 0.0:
             raise InvalidInputError(
-                f"colour noise is {self.deviation:g} levels, blur {self.blur:g} pixels and "
-                f"exposure {self.exposure:g} s; expected none below 0"
+                f"colour noise is {self.deviation:g} levels and blur {self.blur:g} pixels; "
+                "expected none below 0"
             )
 
 
@@ -76,7 +75,7 @@ class ColoredBall:
     surface: BallSurface  # what is painted on it
     # (3, 3), the ball's axes to the world
     orientation: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
-    # velocity, angular_velocity: (3,) m/s and rad/s, which an exposure blurs
+    # velocity, angular_velocity: (3,) m/s and rad/s
     velocity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     angular_velocity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 
@@ -130,18 +129,14 @@ class ColorCamera:
     def _averaged(
         self, balls: Sequence[ColoredBall], rows: slice, columns: slice
     ) -> NDArray[np.float64]:
-        """A part of the image, averaged over the area of each pixel and over the exposure."""
+        """A part of the image, averaged over the area of each pixel."""
         steps = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
         offsets = [(dy, dx) for dy in steps for dx in steps]
-        # Times of the exposure in an order that has nothing to do with the places.
-        order = np.argsort((np.arange(len(offsets)) * 0.618) % 1.0)
-        times = self._noise.exposure * ((order + 0.5) / len(offsets) - 0.5)
         total = np.zeros((*self._rays[rows, columns].shape[:2], 3))
-        for (dy, dx), time in zip(offsets, times, strict=True):
+        for dy, dx in offsets:
             rays = self._rays[rows, columns].copy()
             rays[..., :2] += np.array([dx, dy]) / self._camera.focal_length
-            there = [ball.after(float(time)) for ball in balls]
-            total += self._sampled(there, rays, self._background[rows, columns])
+            total += self._sampled(balls, rays, self._background[rows, columns])
         return total / len(offsets)
 
     def _sampled(

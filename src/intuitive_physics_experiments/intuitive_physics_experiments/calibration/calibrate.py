@@ -54,13 +54,9 @@ class Scores:
 
     def coverage(self, probability: float) -> NDArray[np.float64]:
         """Share of outcomes inside the region of that probability, (n_horizons,)."""
-        unknown = np.isnan(self.levels).any(axis=-1)
-        return np.array(
-            [
-                coverage(self.levels[~unknown[:, h], h], probability)
-                for h in range(self.levels.shape[1])
-            ]
-        )
+        by_horizon = self.levels.swapaxes(0, 1)
+        known = [levels[~np.isnan(levels).any(axis=1)] for levels in by_horizon]
+        return np.array([coverage(levels, probability) for levels in known])
 
     @staticmethod
     def pooled(parts: Sequence[Scores]) -> Scores:

@@ -32,13 +32,20 @@ def test_the_point_of_contact_stands_still(velocity, normal, radius) -> None:
     assert np.linalg.eigvalsh(covariance)[0] > 0.0
 
 
-def last_state(rng, places):
-    tracker = Tracker(FLOOR, SETTINGS)
+def detected(rng, place) -> DetectedSphere:
+    error = NOISE * rng.normal(size=4)
+    return DetectedSphere(place + error[:3], RADIUS + error[3], NOISE**2 * np.eye(4), 200, 2)
+
+
+def tracked(environment, places, rng):
+    """Time and the tracker's state of a ball in each frame in which it is tracked."""
+    tracker, states = Tracker(environment, SETTINGS), []
     for k, place in enumerate(places):
-        error = NOISE * rng.normal(size=4)
-        sphere = DetectedSphere(place + error[:3], RADIUS + error[3], NOISE**2 * np.eye(4), 200, 2)
-        tracker.update(k * STEP, [sphere])
-    return tracker.tracks[0].object_state(FLOOR, SETTINGS)
+        tracker.update(k * STEP, [detected(rng, place)])
+        states += [
+            (k * STEP, track.object_state(environment, SETTINGS)) for track in tracker.tracks
+        ]
+    return states
 
 
 def along_the_floor(times, deceleration):
@@ -48,7 +55,7 @@ def along_the_floor(times, deceleration):
 
 def test_rolling_is_seen_and_sliding_and_flight_are_not(rng) -> None:
     times = np.arange(0, 0.4, STEP)
-    rolling = last_state(rng, along_the_floor(times, 0.2))
+    rolling = tracked(FLOOR, along_the_floor(times, 0.2), rng)[-1][1]
     speed = 1.5 - 0.2 * times[-1]
     # ω = v / r about the axis left of the way.
     assert rolling.angular_velocity == pytest.approx([0, speed / RADIUS, 0], rel=0.1, abs=2.5)
@@ -57,7 +64,7 @@ def test_rolling_is_seen_and_sliding_and_flight_are_not(rng) -> None:
         along_the_floor(times, 0.3 * 9.81),
         np.column_stack([1.5 * times, 0 * times, 1.0 - 0.5 * 9.81 * times**2]),
     ):
-        unknown = last_state(rng, places)
+        unknown = tracked(FLOOR, places, rng)[-1][1]
         assert unknown.angular_velocity == pytest.approx(np.zeros(3))
         assert np.diag(unknown.covariance)[9:] == pytest.approx(UNKNOWN**2)
 
@@ -68,19 +75,6 @@ BOX = StaticBox("box", "m", (0.5, 0.0, 0.2), (0.0, 0.0, 0.0, 1.0), (1.4, 0.6, 0.
 def ramp(degrees):
     angle = np.radians(degrees)
     return Environment([Plane("ramp", "m", [np.sin(angle), 0, np.cos(angle)], 0.0)])
-
-
-def rolled(environment, places, rng):
-    """The tracker's state of a ball in each frame from the time on in which rolling is visible."""
-    tracker = Tracker(environment, SETTINGS)
-    states = []
-    for k, place in enumerate(places):
-        error = NOISE * rng.normal(size=4)
-        sphere = DetectedSphere(place + error[:3], RADIUS + error[3], NOISE**2 * np.eye(4), 200, 2)
-        tracker.update(k * STEP, [sphere])
-        if k * STEP > ROLLING_TIME + 0.1:
-            states.append((k * STEP, tracker.tracks[0].object_state(environment, SETTINGS)))
-    return states
 
 
 @pytest.mark.parametrize("case", ["box", 2.0, 8.0, 15.0, "up 8"])
@@ -104,7 +98,9 @@ def test_the_spin_of_what_rolls_on_boxes_and_ramps_is_known(case) -> None:
                 speed = -1.2
             start = RADIUS * normal
         gone = speed * times + 0.5 * gain * times**2
-        for time, state in rolled(environment, start + np.outer(gone, along), rng):
+        states = tracked(environment, start + np.outer(gone, along), rng)
+        # Rolling is visible from then on.
+        for time, state in [item for item in states if item[0] > ROLLING_TIME + 0.1]:
             velocity = (speed + gain * time) * along
             spin = np.cross(normal, velocity) / RADIUS
             known += state.covariance[10, 10] < (0.5 * UNKNOWN) ** 2
@@ -126,13 +122,9 @@ def test_a_ball_that_rolls_on_a_box_keeps_its_height_and_falls_at_its_edge(rng) 
     z = 0.4 + RADIUS - 0.5 * 9.81 * fallen**2
     tracker = Tracker(environment, SETTINGS)
     for k, time in enumerate(times):
-        error = NOISE * rng.normal(size=4)
-        place = np.array([x[k], 0.0, z[k]]) + error[:3]
         if z[k] < RADIUS:
             break
-        tracker.update(
-            float(time), [DetectedSphere(place, RADIUS + error[3], NOISE**2 * np.eye(4), 200, 2)]
-        )
+        tracker.update(float(time), [detected(rng, np.array([x[k], 0.0, z[k]]))])
         (track,) = tracker.tracks or [None]
         if track is not None and time > 0.2:
             expected = -9.81 * fallen[k]
@@ -143,5 +135,5 @@ def test_a_ball_that_rolls_on_a_box_keeps_its_height_and_falls_at_its_edge(rng) 
 
 def test_what_rests_does_not_turn(rng) -> None:
     still = np.tile([0.3, 0.2, RADIUS], (40, 1))
-    state = last_state(rng, still)
+    state = tracked(FLOOR, still, rng)[-1][1]
     assert np.sqrt(state.covariance[9, 9]) <= SETTINGS.rest_speed / RADIUS * 1.1

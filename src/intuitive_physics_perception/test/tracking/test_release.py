@@ -15,7 +15,11 @@ from intuitive_physics.shapes import Sphere
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import observations_of
 from intuitive_physics_perception.tracking.free_motion import SURE_EVIDENCE, FreeMotion, Record
-from intuitive_physics_perception.tracking.motion_fits import free_evidence, noise_factor
+from intuitive_physics_perception.tracking.motion_fits import (
+    CONTACT_GATE,
+    free_evidence,
+    noise_factor,
+)
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
 SETTINGS = PerceptionSettings()
@@ -136,25 +140,22 @@ def test_what_a_hand_holds_all_the_time_is_never_free(seed, rate, noise) -> None
     assert all(free.stretch_at(float(time)) is None for time in times)
 
 
-@settings(max_examples=60, deadline=None)
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    rate=st.floats(15.0, 90.0),
-    noise=st.floats(0.0003, 0.003),
-    duration=st.floats(0.25, 0.8),
-)
-def test_a_ball_that_comes_into_view_in_flight_is_free_from_its_first_frames(
-    seed, rate, noise, duration
-) -> None:
-    rng = np.random.default_rng(seed)
-    times = np.arange(0.0, duration, 1.0 / rate)
-    velocity = rng.uniform(-2.0, 2.0, size=3)
-    places = [0, 0, 6.0] + np.outer(times, velocity) + 0.5 * np.outer(times**2, FLOOR.gravity)
-    seen = record(times, places, errors_of_detection(len(times), noise, rng), rng)
-    free = FreeMotion(seen, FLOOR)
-    assert all(
-        free.stretch_at(float(time)) is not None for time in times[:-2] if time > 0.034 + 2.0 / rate
-    )
+def test_a_ball_that_comes_into_view_in_flight_is_free_from_its_first_frames() -> None:
+    """All points but those at which noise passes for a contact, as often as the gate lets it: it
+    then leaves out the point before."""
+    rng, missing, total = np.random.default_rng(9), 0, 0
+    for _ in range(250):
+        rate, noise = rng.uniform(15.0, 90.0), rng.uniform(0.0003, 0.003)
+        times = np.arange(0.0, rng.uniform(0.25, 0.8), 1.0 / rate)
+        velocity = rng.uniform(-2.0, 2.0, size=3)
+        places = [0, 0, 6.0] + np.outer(times, velocity) + 0.5 * np.outer(times**2, FLOOR.gravity)
+        seen = record(times, places, errors_of_detection(len(times), noise, rng), rng)
+        free = FreeMotion(seen, FLOOR)
+        later = [time for time in times[:-2] if time > 0.034 + 2.0 / rate]
+        missing += sum(free.stretch_at(float(time)) is None for time in later)
+        total += len(later)
+    expected = chi2.sf(CONTACT_GATE, 3) * total
+    assert missing <= expected + 3.0 * np.sqrt(expected)
 
 
 def test_errors_of_position_and_velocity_are_as_large_as_the_covariance_says() -> None:

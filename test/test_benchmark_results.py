@@ -289,7 +289,7 @@ def check_verdict(outcome: Outcome, missed: str | None) -> None:
 def test_part_of_torture_is_kept_apart_with_its_missed_bar(tmp_path, monkeypatch, capsys):
     torture = importlib.import_module("benchmarks.torture.__main__")
     monkeypatch.setattr("benchmarks.command.FOLDER", tmp_path)
-    result = torture.Part({}, MADE_UP.tables[0], ["a node grew by 9 MB"])
+    result = Outcome(MADE_UP.tables, {}, complaints=["a node grew by 9 MB"])
     monkeypatch.setattr(torture, "soak", lambda folder, minutes: result)
     assert torture.main(["--only", "soak", "--write"]) == 1
     assert "bench-torture: soak: a node grew by 9 MB" in capsys.readouterr().err

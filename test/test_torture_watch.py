@@ -10,13 +10,13 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from benchmarks.command import Outcome
 from benchmarks.results.result import Column, Table
 from benchmarks.torture import answers as answers_module
 from benchmarks.torture.answers import LIMIT, Answers
 from benchmarks.torture.early_end import EarlyEndError, noted, result_of, traceback_in
 from benchmarks.torture.interfaces import FUZZED
 from benchmarks.torture.nodes import blamed_on_death, megabytes, peak_megabytes
-from benchmarks.torture.part import Part
 from benchmarks.torture.soak import Watched
 
 from intuitive_physics.processes import ChildProcess
@@ -177,7 +177,7 @@ def test_part_that_ends_early_is_a_missed_bar_and_the_others_go_on(tmp_path, mon
     monkeypatch.setattr("benchmarks.command.FOLDER", tmp_path)
     table = Table("cancels", [Column("cancelled")], [[3]])
     monkeypatch.setattr(torture, "kill", lambda *_: {}["no such"])
-    monkeypatch.setattr(torture, "cancel", lambda *_: Part({}, table, []))
+    monkeypatch.setattr(torture, "cancel", lambda *_: Outcome([table], {}))
     assert torture.main(["--only", "kills,cancels", "--write"]) == 1
     written = capsys.readouterr()
     assert "bench-torture: kills: ended early: KeyError in " in written.err

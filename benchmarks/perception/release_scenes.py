@@ -131,18 +131,16 @@ class SceneView:
     def _region(
         self, center: NDArray[np.float64], radius: float, boxes: Sequence[_HandBox]
     ) -> ImageRegion:
-        reach = 1.8 * radius
-        corners = [center + reach * (2.0 * np.array(signs) - 1.0) for signs in np.ndindex(2, 2, 2)]
-        for middle, axes, edges in boxes:
-            corners += [
-                middle + axes @ (edges * (np.array(signs) - 0.5)) for signs in np.ndindex(2, 2, 2)
-            ]
+        about_ball = (center, np.eye(3), np.full(3, 3.6 * radius))
+        corners = [
+            middle + axes @ (edges * (np.array(signs) - 0.5))
+            for middle, axes, edges in (about_ball, *boxes)
+            for signs in np.ndindex(2, 2, 2)
+        ]
         pixels = self._camera.project(np.array(corners))
-        low = np.clip(np.floor(pixels.min(axis=0)), 0, [self._camera.width, self._camera.height])
-        high = np.clip(
-            np.ceil(pixels.max(axis=0)) + 1, 0, [self._camera.width, self._camera.height]
-        )
-        (left, top), (right, bottom) = low.astype(int), high.astype(int)
+        reach = np.array([np.floor(pixels.min(axis=0)), np.ceil(pixels.max(axis=0)) + 1])
+        size = [self._camera.width, self._camera.height]
+        (left, top), (right, bottom) = np.clip(reach, 0, size).astype(int)
         return ImageRegion(slice(int(top), int(bottom)), slice(int(left), int(right)))
 
 

@@ -41,15 +41,15 @@ SETTLING = 3.0  # s after the first message, or after a change, before anything 
 
 @dataclass(frozen=True)
 class Run:
-    """The work of the node for some time."""
+    """The work of the node for some time, in the order of the columns of its table."""
 
     seconds: float  # for how long
     rate: float  # 1/s, messages that arrived
-    lost: float  # share of the predictions whose message did not arrive
+    lost: float  # %, of the predictions whose message did not arrive
     # ms from the tick, when the prediction was due, until its message lay in the subscriber's queue
     latency_median: float
     latency_p99: float
-    cpu: float  # share of one core
+    cpu: float  # %, of one core
     memory: float  # MB resident at the end
     growth: float  # MB since the first tenth of the time
     message_size: float  # MB
@@ -163,10 +163,10 @@ def _run(received: NDArray[np.float64], seconds: float, cpu: float, memory: list
     return Run(
         seconds=seconds,
         rate=len(received) / seconds,
-        lost=float(1.0 - len(received) / made),
+        lost=float(100.0 * (1.0 - len(received) / made)),
         latency_median=float(np.median(latencies)),
         latency_p99=float(np.quantile(latencies, 0.99)),
-        cpu=cpu,
+        cpu=100.0 * cpu,
         memory=memory[-1],
         growth=memory[-1] - memory[len(memory) // 10],
         message_size=float(1e-6 * sizes.mean()),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any
 
 from benchmarks.prediction.node import HOLDS, MOST_PUBLISHED, Run
@@ -95,21 +95,7 @@ def _runs_table(runs: dict[str, Run]) -> Table:
             Column("its growth", "MB", "+.1f"),
             Column("message, MB", "MB", ".2f"),
         ],
-        rows=[
-            [
-                scene,
-                run.seconds,
-                run.rate,
-                100 * run.lost,
-                run.latency_median,
-                run.latency_p99,
-                100 * run.cpu,
-                run.memory,
-                run.growth,
-                run.message_size,
-            ]
-            for scene, run in runs.items()
-        ],
+        rows=[[scene, *astuple(run)] for scene, run in runs.items()],
     )
 
 

@@ -22,7 +22,7 @@ from benchmarks.torture.early_end import noted
 from benchmarks.torture.faults_around import bear_faults
 from benchmarks.torture.fuzz import fuzz
 from benchmarks.torture.kills import kill
-from benchmarks.torture.part import SEED, Part
+from benchmarks.torture.part import SEED
 from benchmarks.torture.soak import soak
 from intuitive_physics.errors import InvalidInputError
 
@@ -68,7 +68,7 @@ def run(options: argparse.Namespace) -> Outcome:
     complaints: list[str] = []
     draw = None
     with tempfile.TemporaryDirectory(prefix="torture-") as folder:
-        measures: dict[str, Callable[[Path, np.random.Generator], Part]] = {
+        measures: dict[str, Callable[[Path, np.random.Generator], Outcome]] = {
             KILLS: lambda folder, rng: kill(folder, counts[KILLS], rng),
             FUZZ: lambda folder, rng: fuzz(folder, counts[FUZZ], rng),
             CANCELS: lambda folder, rng: cancel(folder, counts[CANCELS], rng),
@@ -83,9 +83,9 @@ def run(options: argparse.Namespace) -> Outcome:
             with noted(failures):
                 rng = np.random.default_rng([SEED, PARTS.index(name)])
                 result = measures[name](part_folder, rng)
-                figures.update(result.figures)
-                tables.append(result.table)
-                failures += result.missed
+                figures.update(result.key_figures)
+                tables += result.tables
+                failures += result.complaints
                 draw = result.draw or draw
             complaints += [f"{name}: {failure}" for failure in failures]
     part = [] if options.only is None else [*wanted]

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 from intuitive_physics_msgs.msg import LearningOptions, ResultCode
 
+from benchmarks.command import Outcome
 from benchmarks.results.result import Column
 from benchmarks.torture.bars import bars
 from benchmarks.torture.early_end import noted
 from benchmarks.torture.learner import Learner, running_learner
 from benchmarks.torture.nodes import PATIENCE, thrown_ball
-from benchmarks.torture.part import Part, row_table
+from benchmarks.torture.part import row_table
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Box
@@ -26,7 +27,7 @@ LONG = 590.0  # s that boxes tumbled in an observation: a simulation of them tak
 LONG_EVERY = 4  # one search in this many learns from the long observation
 
 
-def cancel(folder: Path, count: int, rng: np.random.Generator) -> Part:
+def cancel(folder: Path, count: int, rng: np.random.Generator) -> Outcome:
     """Cancel `count` searches, some of which may have ended before."""
     took: list[float] = []
     failures: list[str] = []
@@ -48,7 +49,7 @@ def cancel(folder: Path, count: int, rng: np.random.Generator) -> Part:
     return _part(took, failures)
 
 
-def _part(took: list[float], failures: list[str]) -> Part:
+def _part(took: list[float], failures: list[str]) -> Outcome:
     longest = max(took, default=0.0)
     table = row_table(
         "Searches cancelled at random instants",
@@ -66,7 +67,7 @@ def _part(took: list[float], failures: list[str]) -> Part:
         missed.append("no search was cancelled")
     if longest > bars().cancel:
         missed.append(f"a search ended {longest:.2f} s after it was cancelled")
-    return Part({"cancel_s_worst": round(longest, 2)}, table, missed)
+    return Outcome([table], {"cancel_s_worst": round(longest, 2)}, complaints=missed)
 
 
 def _cancel_one(

@@ -13,13 +13,14 @@ from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from benchmarks.command import Outcome
 from benchmarks.results.result import Column, Table
 from benchmarks.running_nodes import LEARNER, PERCEPTION, PREDICTOR, parameter_arguments
 from benchmarks.torture.bars import bars
 from benchmarks.torture.early_end import FaultError, in_one_line, noted, result_of, traceback_in
 from benchmarks.torture.faults_of_learner import measure_faults_of_learner
 from benchmarks.torture.nodes import PATIENCE, Nodes, megabytes
-from benchmarks.torture.part import SEED, Part
+from benchmarks.torture.part import SEED
 from benchmarks.torture.suite import Suite, running_suite
 from intuitive_physics.processes import ChildProcess, ProcessFailedError
 from intuitive_physics_bringup.connections import module
@@ -52,7 +53,7 @@ with Peer("slow") as peer:
 """
 
 
-def bear_faults(folder: Path, *, quick: bool) -> Part:
+def bear_faults(folder: Path, *, quick: bool) -> Outcome:
     """Bring about faults of the machine and of what is around the nodes."""
     faults = {**measure_faults_of_learner(folder), **_measure_faults_around(folder, quick=quick)}
     table = Table(
@@ -62,7 +63,7 @@ def bear_faults(folder: Path, *, quick: bool) -> Part:
         rows=list(faults.items()),
     )
     missed = [f"{name}: {result}" for name, result in faults.items() if result != "ok"]
-    return Part({"faults": faults}, table, missed)
+    return Outcome([table], {"faults": faults}, complaints=missed)
 
 
 def _measure_faults_around(folder: Path, *, quick: bool) -> dict[str, str]:

@@ -15,7 +15,7 @@ from rcl_interfaces.srv import ListParameters
 from rclpy.action import ActionClient
 from rclpy.qos import QoSProfile
 
-from benchmarks.command import report_progress
+from benchmarks.command import Outcome, report_progress
 from benchmarks.results.result import Column
 from benchmarks.torture.answers import LIMIT, Answers
 from benchmarks.torture.bars import bars
@@ -32,7 +32,6 @@ from benchmarks.torture.interfaces import (
 from benchmarks.torture.nodes import PATIENCE, Nodes
 from benchmarks.torture.part import (
     MOST_MEGABYTES,
-    Part,
     Stops,
     missed_stops,
     row_table,
@@ -71,7 +70,7 @@ class Fuzz:
     failures: list[str] = field(default_factory=list)  # early ends
 
 
-def fuzz(folder: Path, count: int, rng: np.random.Generator) -> Part:
+def fuzz(folder: Path, count: int, rng: np.random.Generator) -> Outcome:
     """Send `count` random messages and calls to all nodes together, and stop the nodes."""
     effects = Fuzz()
     with (
@@ -87,7 +86,7 @@ def fuzz(folder: Path, count: int, rng: np.random.Generator) -> Part:
     return _part(effects, count)
 
 
-def _part(effects: Fuzz, count: int) -> Part:
+def _part(effects: Fuzz, count: int) -> Outcome:
     stop = slowest_stop(effects.stops)
     figures = {
         "fuzzed": effects.sent,
@@ -120,7 +119,7 @@ def _part(effects: Fuzz, count: int) -> Part:
         missed.append(f"{effects.megabytes:.0f} MB; expected at most {MOST_MEGABYTES:.0f}")
     if effects.sent < count:
         missed.append(f"{effects.sent} messages; expected {count}")
-    return Part(figures, table, missed)
+    return Outcome([table], figures, complaints=missed)
 
 
 class Fuzzer:

@@ -13,7 +13,7 @@ import numpy as np
 from intuitive_physics_msgs.msg import ResultCode
 from intuitive_physics_msgs.srv import AddObservation, SetStaticParameters
 
-from benchmarks.command import report_progress
+from benchmarks.command import Outcome, report_progress
 from benchmarks.results.result import Column
 from benchmarks.running_nodes import LEARNER, PERCEPTION, PREDICTOR
 from benchmarks.torture.early_end import check_deaths, in_one_line, noted
@@ -25,7 +25,7 @@ from benchmarks.torture.learner import (
     running_learner,
 )
 from benchmarks.torture.nodes import PATIENCE, last_words, thrown_ball
-from benchmarks.torture.part import SEED, Part, row_table
+from benchmarks.torture.part import SEED, row_table
 from benchmarks.torture.suite import Suite, running_suite
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics_learner import ObservationStore
@@ -54,7 +54,7 @@ class Kills:
     failures: list[str] = field(default_factory=list)  # early ends
 
 
-def kill(folder: Path, count: int, rng: np.random.Generator) -> Part:
+def kill(folder: Path, count: int, rng: np.random.Generator) -> Outcome:
     """Kill the learner, and then perception and the predictor, `count` times in all."""
     kills = Kills()
     others = count // OTHERS_EVERY
@@ -66,7 +66,7 @@ def kill(folder: Path, count: int, rng: np.random.Generator) -> Part:
     return _part(kills, count)
 
 
-def _part(kills: Kills, count: int) -> Part:
+def _part(kills: Kills, count: int) -> Outcome:
     figures = {"kills": kills.kills, "lost": kills.lost, "corrupted": len(kills.corrupted)}
     table = row_table(
         "Killed at random instants, under load",
@@ -90,7 +90,7 @@ def _part(kills: Kills, count: int) -> Part:
     missed += [f"corrupted: {damage}" for damage in kills.corrupted]
     if kills.kills < count:
         missed.append(f"{kills.kills} kills; expected {count}")
-    return Part(figures, table, [*missed, *kills.deaths, *kills.failures])
+    return Outcome([table], figures, complaints=[*missed, *kills.deaths, *kills.failures])
 
 
 def _kill_learners(folder: Path, count: int, kills: Kills, rng: np.random.Generator) -> None:

@@ -1,11 +1,8 @@
-"""The result of a part of `make torture`: a table, key figures, and the bars that were missed."""
+"""Shared by the parts of `make torture`: tables of one row, bars of memory and of stops."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 from benchmarks.results.result import Cell, Column, Table
 from benchmarks.torture.bars import bars
@@ -15,16 +12,6 @@ MOST_MEGABYTES = 1500.0  # bar of the memory of a node
 
 Stops = Mapping[str, tuple[float, int]]
 """Time that each node took to stop, s, and its exit code."""
-
-
-@dataclass(frozen=True)
-class Part:
-    """The result of a part."""
-
-    figures: Mapping[str, Any]  # key figures
-    table: Table
-    missed: Sequence[str]  # bars that were missed, and what ended the part early
-    draw: Callable[[Path], None] | None = None  # writes its figure to a path
 
 
 def row_table(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from benchmarks.command import report_progress
+from benchmarks.command import Outcome, report_progress
 from benchmarks.results.result import Column, Table
 from benchmarks.running_nodes import prediction_rate
 from benchmarks.torture.bars import bars
@@ -18,7 +18,6 @@ from benchmarks.torture.nodes import blamed_on_death, last_words, megabytes
 from benchmarks.torture.part import (
     MOST_MEGABYTES,
     SEED,
-    Part,
     Stops,
     missed_stops,
     slowest_stop,
@@ -68,7 +67,7 @@ class Soak:
     failures: list[str] = field(default_factory=list)  # early ends
 
 
-def soak(folder: Path, minutes: float) -> Part:
+def soak(folder: Path, minutes: float) -> Outcome:
     """Run the suite for some minutes, at least 3, or until a node dies, and sample it."""
     course = Soak(minutes)
     longest = 2.0 * minutes * MINUTE + LONGEST
@@ -78,8 +77,12 @@ def soak(folder: Path, minutes: float) -> Part:
             _watch(suite, course)
         course.frames = suite.camera.frames - first
         course.stops = suite.nodes.stop()
-    draw = partial(draw_memory, course) if course.nodes else None
-    return Part({"soak": _figures(course)}, _table(course), _missed(course), draw)
+    return Outcome(
+        [_table(course)],
+        {"soak": _figures(course)},
+        complaints=_missed(course),
+        draw=partial(draw_memory, course) if course.nodes else None,
+    )
 
 
 def _watch(suite: Suite, course: Soak) -> None:

@@ -45,7 +45,7 @@ def test_objects_together(glides):
     assert active_names(observed, ("ball", "floor", "cork")) == expected
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 10_000))
 def test_the_cost_depends_on_no_other(event_driven, throws, seed):
     observed = throws(2, 0)

@@ -42,7 +42,7 @@ def settled(information, estimates, at):
     return weights, at
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), factor=st.floats(1.0, 100.0))
 def test_a_wrong_observation_holds_nothing_however_sure_it_is(seed, factor):
     """Twenty estimates with N(0, Λ⁻¹) about the truth, and one 100 of its own σ beside it."""

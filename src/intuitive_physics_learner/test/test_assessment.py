@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics.observation import Detections, Observation, ObservedObject
@@ -226,7 +226,6 @@ def test_a_fit_that_fails_is_doubtful_where_others_do_not_fail():
 
 
 @given(st.floats(-1.0, 4.0), st.integers(2, 40))
-@settings(deadline=None)
 def test_a_clean_part_ends_in_time_and_keeps_a_few_points(until, count):
     whole = seen_as(flight()[:count], times=TIMES[:count])
     (ball,) = whole.objects

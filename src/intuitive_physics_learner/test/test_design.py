@@ -291,7 +291,7 @@ finite = st.floats(-5.0, 5.0, width=32)
 pair = st.tuples(finite, finite)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.lists(pair, min_size=9, max_size=9), st.integers(1, 12), st.integers(0, 2**32))
 def test_throws_lie_within_their_ranges_and_outside_of_everything(ends, count, seed):
     wrong = any(low > high for low, high in ends)

@@ -213,7 +213,7 @@ def test_a_one_sided_interval_is_a_wide_prior():
     assert version.posterior.intervals[E].tolist() == [0.4, 1.0]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     st.lists(st.floats(0.0, 1.0), min_size=14, max_size=14),
     st.lists(st.one_of(st.just(np.nan), st.floats(1e-4, 10.0)), min_size=14, max_size=14),
@@ -241,7 +241,7 @@ def test_what_is_given_is_what_is_known(unit, deviations, as_what, names):
     )
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.floats(0.0, 1.0), min_size=14, max_size=14), st.floats(0.0, 1.0))
 def test_static_friction_that_is_held_does_not_follow_dynamic_friction(unit, dynamic):
     space = ParameterSpace(MATERIALS)

@@ -132,7 +132,7 @@ def test_can_be_cancelled(glide, glides):
         identify(cost, SPACE, StaticParameters.uniform(MATERIALS), cancelled=lambda: True)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(data=st.data())
 def test_an_axis_moves_its_own_parameter_and_no_other(data):
     unit = st.floats(0.0, 1.0)

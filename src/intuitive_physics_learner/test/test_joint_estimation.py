@@ -157,7 +157,7 @@ def test_lowers_cost_where_the_simulation_lacks_an_effect(event_driven, throws):
             assert cost.costs([moved])[0] > search.best_cost * (1.0 - 0.01)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(seed=st.integers(0, 1000), observations=st.integers(1, 12), parameters=st.integers(1, 20))
 def test_groups_share_no_observation_and_leave_none_out(seed, observations, parameters):
     influence = np.random.default_rng(seed).random((observations, parameters)) < 0.3
@@ -168,7 +168,7 @@ def test_groups_share_no_observation_and_leave_none_out(seed, observations, para
     assert sorted(members) == np.flatnonzero(influence.any(axis=0)).tolist()
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(seed=st.integers(0, 1000), size=st.integers(1, 6))
 def test_bounded_steps_stay_in_the_cube_and_go_downhill(seed, size):
     generator = np.random.default_rng(seed)
@@ -276,7 +276,7 @@ def test_no_sharper_than_both_halves_together():
     np.testing.assert_allclose(agreed, 0.01, rtol=1e-3)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_agreed_deviations_are_never_smaller(seed):
     rng = np.random.default_rng(seed)

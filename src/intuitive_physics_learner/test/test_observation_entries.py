@@ -246,7 +246,7 @@ ACTIONS = st.lists(
 )
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(actions=ACTIONS)
 def test_counts_are_those_of_the_rows(tmp_path_factory, glide_at, actions):
     path = tmp_path_factory.mktemp("counts") / "learner.sqlite3"

@@ -67,7 +67,7 @@ def test_a_smoothed_track_is_known_as_well_as_its_initial_state():
     assert sizes([track])[0] == pytest.approx(1e-3, rel=0.05)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(factor=st.floats(0.3, 4.0), seed=st.integers(0, 1000))
 def test_detections_have_their_covariance_times_a_factor_of_the_track(factor, seed):
     """Errors s L ξ with C = L Lᵀ: the whitened ones are standard normal."""

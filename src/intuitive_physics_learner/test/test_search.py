@@ -32,7 +32,7 @@ def search_of(method="random", cost=bowl, seed=0, start=None):
     return ParameterSearch(cost, SPACE, rule)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     method=st.sampled_from(sorted(UPDATE_RULES)),
     seed=st.integers(0, 100),

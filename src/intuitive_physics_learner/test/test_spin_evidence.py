@@ -246,7 +246,7 @@ def test_a_fit_continues_exactly_with_its_widened_priors(event_driven):
     assert again.initial_spins == whole.initial_spins
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.integers(1, 6))
 def test_adopted_spins_are_kept_and_later_throws_add_to_them(count):
     learner = OnlineLearner(None)

@@ -69,7 +69,7 @@ def other_spin(model):
     return deviations[model._unknown_spins[0][0].places], until
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.floats(-40.0, 40.0), st.floats(-40.0, 40.0), st.floats(-60.0, 60.0))
 def test_a_bounce_that_sticks_leads_to_the_spin_along_its_plane(x, y, z):
     # It sticks where (2/7) |v + ω × r| < μ (1 + e) v_n: here (2/7) (1 + 0.05 · 57) < 5.4. After it

@@ -47,7 +47,7 @@ def proposed(rule, count, limit=50, costs=bowl):
 
 
 @pytest.mark.parametrize("name", RULES)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(data=st.data())
 def test_resumes_exactly_wherever_it_stopped(name, data):
     before = data.draw(st.integers(0, 250))
@@ -64,7 +64,7 @@ def test_resumes_exactly_wherever_it_stopped(name, data):
 
 
 @pytest.mark.parametrize("name", RULES)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(limits=st.lists(st.integers(1, 60), min_size=1, max_size=200))
 def test_candidates_do_not_depend_on_how_many_are_asked_for(name, limits):
     rule, got = rule_of(name), []

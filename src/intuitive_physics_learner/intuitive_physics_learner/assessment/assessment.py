@@ -27,13 +27,13 @@ from scipy.stats import norm, t
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner.assessment.motion_laws import (
+    Violation,
     flight_violation,
     impulse_violations,
     jump_violation,
     rest_violation,
 )
 from intuitive_physics_learner.assessment.tracks import Track, tracks_of
-from intuitive_physics_learner.assessment.violation import Violation
 from intuitive_physics_learner.joint_estimation.point_noise import (
     MEDIAN_LENGTH_3,
     detected,

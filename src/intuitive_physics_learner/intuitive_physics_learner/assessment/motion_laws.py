@@ -22,14 +22,15 @@ CLEARANCE = 0.02
 """Gap that a free flight keeps to what it may touch, set by hand, m."""
 
 CLEAR_NOISES = 2.0
-"""The same, besides, in units of the noise."""
+"""Gap that a free flight keeps beyond `CLEARANCE`, in standard deviations of the noise."""
 
 FLIGHT_ACCELERATION = 0.5
 """Standard deviation of an acceleration beyond g, m/s²: drag of a tennis ball at 5 m/s, or a
 vertical that is 3 degrees off."""
 
 AIR_ACCELERATION = 10.0
-"""The same of an object with drag or Magnus force, which may be as light as a balloon, m/s²."""
+"""Standard deviation of an acceleration beyond g of an object with drag or Magnus force, which may
+be as light as a balloon, m/s²."""
 
 JUMP_DURATION = 0.15
 """Longest time between points over which a jump is looked for, s."""

@@ -22,7 +22,7 @@ MOST_OBSERVATIONS = 500
 suggestion takes as long after years as after a day; set by hand."""
 
 VIEW_MARGIN = 0.1
-"""By which the region in view is larger than what was seen of it, a part of its largest extent: few
+"""Margin of the region in view around all observed positions, a part of its largest extent: few
 tracks reach its edges; set by hand."""
 
 

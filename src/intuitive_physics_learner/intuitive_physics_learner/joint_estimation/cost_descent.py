@@ -47,11 +47,11 @@ DESCENT_LENGTHS = (0.5, 1.0, 2.0)
 hand."""
 
 FIRST_WIDTH = 0.1
-"""Over which a descent of J takes its first slopes, widths: wide against the kinks of single
-contacts; set by hand."""
+"""Width of the differences for the first slopes of a descent of J, widths: wide against the kinks
+of single contacts; set by hand."""
 
 SMALLEST_WIDTH = 0.002
-"""Below which a descent of J takes no more slopes, widths; set by hand."""
+"""Width of the differences below which a descent of J takes no more slopes, widths; set by hand."""
 
 WIDTH_FACTOR = 0.4
 """Factor on that width when steps along slopes gain nothing; set by hand."""

@@ -42,8 +42,8 @@ LARGEST_BEND = 2.0
 """Linearisation error of a predicted position up to which it may enter the fit, σ; set by hand."""
 
 LARGEST_BEND_SHARE = 1.0
-"""Further linearisation error allowed, a part of the standard deviation of the predicted position;
-set by hand."""
+"""Linearisation error that is allowed beyond `LARGEST_BEND`, a part of the standard deviation of
+the predicted position; set by hand."""
 
 MISFIT_FALSE_ALARM = 1e-3
 """Misfits that noise alone is expected to feign in one observation: fewer than one in the hundreds
@@ -53,7 +53,7 @@ MISFIT_POINTS = 9
 """Neighbouring points whose median length is compared with that of noise; set by hand."""
 
 RETREAT = 0.3
-"""Before the first misfit, to where a fit horizon retreats, s; set by hand."""
+"""Time before its first misfit to which a fit horizon retreats, s; set by hand."""
 
 
 FAILED_LENGTH = 1e4

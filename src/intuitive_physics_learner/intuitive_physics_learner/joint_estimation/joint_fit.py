@@ -59,7 +59,7 @@ LARGEST_DAMPING = 1e4
 """Damping at most; set by hand."""
 
 LARGEST_MOVE = 0.2
-"""By which a parameter moves at most in one step, widths; set by hand."""
+"""Largest move of a parameter in one step, widths; set by hand."""
 
 SETTLED_MOVE = 0.02
 """Largest move of any parameter of a step that has converged, standard deviations of the parameter;

@@ -29,12 +29,12 @@ SCORING_STEPS = 3
 """Joint steps up to a common horizon before evidences are compared; set by hand."""
 
 MISFIT_STEPS = 4
-"""Last steps of a lone fit in which a misfit means that the motion cannot be explained farther: an
-advance beyond what can be explained ends in a misfit every other step or third."""
+"""Number of last steps of a lone fit in which a misfit means that the motion cannot be explained
+farther: an advance beyond what can be explained ends in a misfit every other step or third."""
 
 LARGEST_ADVANCE = 0.5
-"""By which a fit horizon advances at most in one step, s: more than in a fit that begins with
-nothing, for what is known predicts farther; set by hand."""
+"""Largest advance of a fit horizon in one step, s: more than in a fit that begins with nothing, for
+what is known predicts farther; set by hand."""
 
 
 def log_evidence(task: FitTask, found: JointFit, horizons: Sequence[float]) -> float:

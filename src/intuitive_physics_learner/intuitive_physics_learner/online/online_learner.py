@@ -69,7 +69,7 @@ doubtful; where motion is too chaotic for that, most such observations are good 
 throws of tumbling bodies 0.6 to 0.7 can be, of balls 0.9."""
 
 LARGEST_SCORE = 3.0
-"""By which one observation changes the prequential score at most: a likelihood ratio of e³ ≈ 20, so
+"""Largest change of the prequential score by one observation: a likelihood ratio of e³ ≈ 20, so
 that no single one decides."""
 
 SURPRISING_MOVE = 4.0
@@ -91,7 +91,7 @@ MEMORY = 20.0
 and of the share that can be explained; set by hand."""
 
 RECENT = 8
-"""Last observations among which the beginning of a change is looked for."""
+"""Number of last observations among which the beginning of a change is looked for."""
 
 FEWEST_CHANGED = 4
 """Observations that must agree on a change: fewer may be disturbed alike by chance."""

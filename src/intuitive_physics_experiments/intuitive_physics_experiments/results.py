@@ -49,7 +49,7 @@ class Figure:
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """What an experiment found, for a folder; tables and figures by the name of their file."""
+    """Results of an experiment; tables and figures by the name of their file."""
 
     title: str
     body: str  # of the page, in Markdown

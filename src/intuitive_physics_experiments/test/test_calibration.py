@@ -1,4 +1,4 @@
-"""Calibration: true predictions are found true, false ones false, and the experiment tells."""
+"""Calibration: true predictions are found true, false ones false, and the experiment shows it."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def normal_outcomes(count: int) -> list[Outcome]:
 
 @pytest.mark.long
 @pytest.mark.parametrize(("spread", "low", "high"), [(1.0, 0.86, 0.94), (0.5, 0.2, 0.5)])
-def test_coverage_tells_true_predictions_from_too_sure_ones(spread, low, high):
+def test_coverage_of_true_and_of_overconfident_predictions(spread, low, high):
     # Of 400 outcomes a true 90 % is off by sqrt(0.9 · 0.1 / 400) = 1.5 %. Half the spread makes
     # the 90 % ball, 2.5 σ of the samples, one of 1.25 σ of the outcomes: χ²₃ gives 33 %.
     scores = score(normal_outcomes(400), normal_prediction(spread), seed=1)

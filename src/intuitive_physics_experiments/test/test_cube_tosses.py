@@ -117,7 +117,7 @@ def test_recorded_cubes_fall_and_come_to_rest_on_a_face(recording):
     heights = [toss.observation.objects[0].trajectory.positions[-1, 2] for toss in tosses]
     # Half an edge is 52.4 mm; the correction is good to half a percent.
     assert np.median(heights) == pytest.approx(0.0524, abs=0.0005)
-    # R(t) = R(0) exp(ω_body t) between the first two rows, at the spin the first one tells.
+    # R(t) = R(0) exp(ω_body t) between the first two rows, at the spin of the first one.
     turns = []
     for toss in tosses:
         spin = toss.observation.objects[0].initial_state.angular_velocity

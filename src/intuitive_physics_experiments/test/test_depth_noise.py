@@ -96,7 +96,7 @@ def test_same_seed_same_image_other_seed_other_image():
 
 
 def test_a_region_gives_what_the_whole_image_would(renderer, full_image):
-    # Faults computed anew only around the ball equal those of the whole image.
+    # Faults computed again only around the ball equal those of the whole image.
     center, radius = (0.5, 0.4, 0.4), 0.07
     noise = DepthNoise()
     sensors = [

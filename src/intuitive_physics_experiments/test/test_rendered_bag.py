@@ -80,7 +80,7 @@ def test_nothing_is_left_of_a_render_that_failed(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_settings_change_renders_anew_but_foreign_folders_stay(tmp_path):
+def test_other_settings_render_again_but_foreign_folders_stay(tmp_path):
     foreign = tmp_path / "photos"
     foreign.mkdir()
     (foreign / "cat.jpg").write_text("miaow")

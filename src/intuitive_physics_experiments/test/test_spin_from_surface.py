@@ -134,7 +134,7 @@ def test_spins_are_found_within_their_covariance(renderer):
             thrown(renderer, pattern, deviation, seed, RoomLight(gloss=0.1))
             for seed in range(SEEDS)
         ]
-        # What turns by more than half a turn from frame to frame looks like something else.
+        # What turns by more than half a turn from frame to frame seems to turn otherwise.
         slow = [
             throw
             for throw in throws

@@ -1,4 +1,4 @@
-"""Drag is found where it is known, and looks ahead are right where the model is."""
+"""Drag is found where it is known, and predictions ahead are right where the model is."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def arrays():
 
 
 def test_drag_is_found_from_flight(arrays):
-    # 1 mm over 0.7 s of flight at 4 m/s, where drag moves the ball by 10 cm, tells 1 %.
+    # 1 mm over 0.7 s of flight at 4 m/s, where drag moves the ball by 10 cm, determine it to 1 %.
     drag = learn_drag(lambda air: launch_observations(arrays, air), 0.0, 0.75, seed=0)
     assert drag == pytest.approx(DRAG, abs=0.02)
 

@@ -41,7 +41,7 @@ REGIONS = (0.5, 0.9)  # Probabilities of the regions whose coverage is reported
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """How one way to predict did, for each trajectory at each horizon."""
+    """Scores of one way to predict, for each trajectory at each horizon."""
 
     # (n, n_horizons, 2) of `highest_density_levels`; NaN where there is one sample only, or the
     # outcome is not known
@@ -192,7 +192,7 @@ IDEAL_DRAWS = 10
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What a calibration found, of one set that was held out or of several together."""
+    """Result of a calibration, of one set that was held out or of several together."""
 
     horizons: NDArray[np.float64]  # (n_horizons,) s after the last point that was seen
     scores: dict[str, Scores]  # of each way to predict, by name; `OURS` and the baselines
@@ -235,7 +235,7 @@ class Calibration:
 
     @property
     def energy_score_vs_fitted_noise(self) -> NDArray[np.float64]:
-        """The same over fixed noise that was fitted to the past, as ours was, (n_horizons,).
+        """Energy score over that of the fitted fixed noise at each horizon, (n_horizons,).
 
         Where all states are perceived alike, one size of noise can do all that their covariances
         do, and the best there is has a ratio of 1.
@@ -245,7 +245,7 @@ class Calibration:
 
     @property
     def ideal_energy_score_vs_fitted_noise(self) -> NDArray[np.float64]:
-        """The same if what happened were drawn from `OURS`, (n_horizons,).
+        """`energy_score_vs_fitted_noise` (n_horizons,) of outcomes that are drawn from `OURS`.
 
         The score is proper, so that nothing then scores better: with what is known of states and
         θ_s, a true prediction has this ratio, and only knowing more makes it smaller.

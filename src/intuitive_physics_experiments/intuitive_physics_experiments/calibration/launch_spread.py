@@ -164,7 +164,7 @@ def _quantities(
 def _bounce(
     times: NDArray[np.float64], positions: NDArray[np.float64], height: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Where (x, y) the fall before the first bounce meets the table, continued as a parabola."""
+    """Place (x, y) where the parabola of the fall before the first bounce meets the table."""
     turns = (height[1:-1] <= height[:-2]) & (height[1:-1] < height[2:])
     lowest = np.flatnonzero(turns & (height[1:-1] < LOWEST_TURN)) + 1
     if not lowest.size or lowest[0] < APPROACH:

@@ -242,7 +242,7 @@ def splits_of(
 
 @dataclass(frozen=True, eq=False)
 class ObservedCalibration:
-    """What the calibration found."""
+    """Result of a calibration on observations."""
 
     calibration: Calibration  # of all observations that were held out
     # θ_s, from the past; from all observations where there are several splits

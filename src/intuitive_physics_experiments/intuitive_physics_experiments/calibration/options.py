@@ -14,7 +14,7 @@ HORIZONS, OBSERVED_HORIZONS = (0.5, 1.0, 2.0, 5.0), (0.1, 0.2, 0.4, 0.6)
 
 @dataclass(frozen=True)
 class CalibrationOptions:
-    """How a calibration is made; of the paper's synthetic set, or of observations."""
+    """Options of a calibration on the paper's synthetic set, or on observations."""
 
     horizons: Sequence[float] = HORIZONS  # s after the last point that is seen
     kinds: Sequence[str] = ()  # shapes of the synthetic set; none: those of the paper

@@ -174,7 +174,7 @@ START = NoiseScales(unidentified=0.2)
 
 @dataclass(frozen=True, eq=False)
 class PaperCalibration:
-    """What the calibration found."""
+    """Result of a calibration on the synthetic set."""
 
     calibration: Calibration  # of predictions from `points` points
     learned: LearnedParameters  # θ_s

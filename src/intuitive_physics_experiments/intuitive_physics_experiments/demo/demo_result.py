@@ -1,4 +1,4 @@
-"""What the demo perceived, learned and predicted, compared with what truly happened."""
+"""Results of the demo, compared with the ground truth."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class ExampleFrame:
 
 @dataclass(frozen=True, eq=False)
 class LearningOutcome:
-    """What was learned."""
+    """Learned parameters, and the costs to compare them with."""
 
     true: StaticParameters  # θ_s the balls obeyed, over the materials of `learned` at least
     learned: LearnedParameters  # θ_s with uncertainty
@@ -62,7 +62,7 @@ class LearningOutcome:
 
 @dataclass(frozen=True)
 class ThrowErrors:
-    """How well one throw was seen and explained."""
+    """Errors of perception and of the parameters on one throw."""
 
     name: str  # shown in the table
     material: str  # name

@@ -181,7 +181,7 @@ def _draw_parameter(
 
 
 def _reach(value: float, deviation: float, ends: NDArray[np.float64]) -> list[list[float]]:
-    """How far the bar goes down and up: a standard deviation, or to where J is as good."""
+    """Lengths of the bar down and up: a standard deviation, or the one-sided interval."""
     low, high = np.fmin(value - deviation, ends[0]), np.fmax(value + deviation, ends[1])
     return [[value - float(low)], [float(high) - value]]
 

@@ -75,7 +75,7 @@ def write_moving_picture(
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """What a frame and what was perceived and predicted look like from the camera."""
+    """View of the camera: a frame, with what was perceived and predicted drawn in."""
 
     perceived: PerceivedFrame  # where the camera is
     # left, top, right and bottom of what is shown, in pixels of the camera

@@ -49,7 +49,7 @@ INTRODUCTION = (
 
 @dataclass(frozen=True)
 class ReportPaths:
-    """Where a report was written."""
+    """Files of a written report."""
 
     page: Path  # self-contained HTML
     picture: Path  # PNG

@@ -52,7 +52,7 @@ def check_supported(worlds: WorldBatch) -> None:
 
 
 def model_key(worlds: WorldBatch, w: int) -> tuple[Any, ...]:
-    """What worlds must share to share one model, but for their θ_s."""
+    """Key of a world's model: worlds of one key differ by their θ_s only."""
     count = int(worlds.object_counts[w])
     return (
         int(worlds.environment_index[w]),

@@ -81,17 +81,17 @@ class PaperDataset:
 
     @property
     def observations(self) -> list[Observation]:
-        """All of them."""
+        """Observations of all runs."""
         return self.training_observations + self.test_observations
 
     @property
     def training_observations(self) -> list[Observation]:
-        """What is learned from."""
+        """Observations that are learned from."""
         return [run.observation for run in self.training]
 
     @property
     def test_observations(self) -> list[Observation]:
-        """What is predicted."""
+        """Observations that are predicted."""
         return [run.observation for run in self.test]
 
     def with_initial_states(self, source: str) -> PaperDataset:

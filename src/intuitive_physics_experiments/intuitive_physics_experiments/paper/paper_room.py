@@ -1,4 +1,4 @@
-"""What the paper's synthetic set is drawn from (Secs. IV-A, IV-B): room, object pool, θ_s, Eq. 10.
+"""Room, object pool, θ_s and initial states of the paper's synthetic set (Secs. IV-A, IV-B).
 
 What the paper leaves open is decided here, in one place:
 

@@ -194,7 +194,7 @@ def _air_coefficients(
 
 @dataclass(frozen=True, eq=False)
 class BallPrior:
-    """What is known of a flight before it is seen."""
+    """Prior of a flight."""
 
     coefficients: NDArray[np.float64]  # (7,) means of `COEFFICIENTS`
     coefficient_covariance: NDArray[np.float64]  # (7, 7) of single flights

@@ -1,4 +1,4 @@
-"""How well state and spin of table-tennis balls are estimated, and where they go predicted.
+"""Accuracy of estimated states and spins, and of predictions, of table-tennis balls.
 
 Flights of even number are learned from (`fit_prior`), the others are not.
 """
@@ -203,7 +203,7 @@ def _spin_covariance(estimates: Sequence[BallEstimate]) -> NDArray[np.float64]:
 
 
 def _spin_weights(prior: BallPrior, estimates: Sequence[BallEstimate]) -> NDArray[np.float64]:
-    """How often the spins of estimated flights come from each Gaussian of the prior."""
+    """Share of estimated spins that comes from each Gaussian of the prior."""
     counts = np.full(len(prior.spin_means), RAREST * len(estimates))
     for estimate in estimates:
         velocity = estimate.unknowns[estimate.likeliest, 3:6]
@@ -267,7 +267,7 @@ def smoothing_predictor(model: BallModel, prior: BallPrior) -> Predictor:
 
 
 def without_spin(prior: BallPrior) -> BallPrior:
-    """The same knowledge, of balls that are known not to spin."""
+    """Return the prior of balls that are known not to spin."""
     return replace(
         prior,
         spin_means=np.zeros((1, 3)),

@@ -40,7 +40,7 @@ def flight_tables(evaluation: FlightEvaluation) -> str:
 
 
 def labelled_well(scores: Sequence[FlightScore]) -> list[FlightScore]:
-    """Those whose measured spin the flight before the bounce does not contradict."""
+    """Scores whose measured spin the flight before the bounce does not contradict."""
     return [score for score in scores if score.label_odds > UNLIKELY_LABEL]
 
 

@@ -47,7 +47,7 @@ FEWEST_POINTS = 20  # Points of the shortest recording that becomes an observati
 
 @dataclass(frozen=True)
 class AirCoefficients:
-    """What air does to a ball; all zero is the paper's vacuum."""
+    """Coefficients of air on a ball; all zero is the paper's vacuum."""
 
     drag: float = 0.0  # C_d, about 0.47 for a smooth sphere at these speeds
     magnus: float = 0.0  # C_M, about 1

@@ -1,4 +1,4 @@
-"""What is particular to table tennis: drag learned from flight, and a look ahead."""
+"""Evaluation of table tennis only: drag learned from flight, and predictions ahead."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ UNFIT = 1e3  # m; misfit of air in which a flight cannot be fitted
 
 @dataclass(frozen=True, eq=False)
 class LookAhead:
-    """Where balls were expected some time after they were watched, and where they then were."""
+    """Predicted and true places of balls some time after they were watched."""
 
     ahead: float  # s, at most `MOST_AHEAD`: as long as all balls were seen
     errors: dict[str, NDArray[np.float64]]  # by the way to predict, (n_balls,) m

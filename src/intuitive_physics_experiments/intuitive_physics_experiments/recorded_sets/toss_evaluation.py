@@ -128,7 +128,7 @@ class FrictionAndRestitution:
 
 @dataclass(frozen=True, eq=False)
 class TossFit:
-    """What one engine made of the tosses."""
+    """Fit of one engine to the tosses."""
 
     simulator: Simulator  # the engine, of those of that name the one that fitted best
     search: SearchResult  # how the fit went; its cost is that of `toss_cost`, m
@@ -139,7 +139,7 @@ class TossFit:
 
 @dataclass(frozen=True, eq=False)
 class TossEvaluation:
-    """What an evaluation found."""
+    """Result of an evaluation."""
 
     # training, test: tosses fitted to and not fitted to
     training: tuple[CubeToss, ...]

@@ -1,4 +1,4 @@
-"""Where the centre of mass of a tossed cube is, from how the cube flies before it touches.
+"""Centre-of-mass offset of a tossed cube, from its flight before it touches anything.
 
 In flight the centre of mass is on a parabola and the cube's centre circles it:
 x(t) = x_m + v_m t + g t² / 2 - R(t) c, linear in all that is not known. g is fitted too, for

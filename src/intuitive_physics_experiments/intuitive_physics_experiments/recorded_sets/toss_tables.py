@@ -1,4 +1,4 @@
-"""What an evaluation of cube tosses found, as tables to read and as files."""
+"""Results of an evaluation of cube tosses, as tables to read and as files."""
 
 from __future__ import annotations
 

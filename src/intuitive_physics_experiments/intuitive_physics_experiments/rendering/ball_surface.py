@@ -1,4 +1,4 @@
-"""What is painted on a ball: nothing, dots, the seam of a tennis ball, or a logo."""
+"""Patterns on a ball: nothing, dots, the seam of a tennis ball, or a logo."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ PLANE_EXTENT = 4.0
 
 @dataclass(frozen=True, eq=False)
 class DepthImage:
-    """What an ideal camera sees."""
+    """Image of an ideal camera."""
 
     # (height, width) m along the optical axis; 0 where there is no surface
     depth: NDArray[np.float32]

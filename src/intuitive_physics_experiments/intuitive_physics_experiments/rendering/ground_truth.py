@@ -1,4 +1,4 @@
-"""What truly happened in a rendered recording, kept as JSON in the bag's folder."""
+"""Ground truth of a rendered recording, kept as JSON in the bag's folder."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ START_TIME = 1_750_000_000 * 1_000_000_000
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """What to render."""
+    """Settings of a rendered bag."""
 
     throws: int = 12  # number of throws, the materials in turn
     seed: int = 0  # of throws and noise

@@ -37,7 +37,7 @@ STEP = 1.0 / 4800.0  # s; a whole number of steps lies between the samples of 60
 
 @dataclass(frozen=True)
 class BallContact:
-    """How a ball meets every plane."""
+    """Contact coefficients of a ball with every plane."""
 
     friction: float  # μ_s = μ_d, dimensionless
     rolling_friction: float  # μ_r, dimensionless (torque at most μ_r · radius · normal force)
@@ -46,7 +46,7 @@ class BallContact:
 
 @dataclass(frozen=True)
 class Fidelity:
-    """How nearly a motion obeys the contact laws that define its coefficients."""
+    """Closeness of a motion to the contact laws that define its coefficients."""
 
     step: float = STEP  # s, of Bullet; a whole number of steps lies between samples
     # whether rolling friction acts as the contact laws have it, on contacts that stick and on the

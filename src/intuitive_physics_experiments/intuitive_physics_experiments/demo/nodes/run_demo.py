@@ -72,7 +72,7 @@ class DemoError(IntuitivePhysicsError):
 
 @dataclass(frozen=True)
 class Options:
-    """What the command line says."""
+    """Options of the command line."""
 
     output: Path
     throws: int
@@ -84,7 +84,7 @@ class Options:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What perception made of one recording."""
+    """Observations of one recording, and the frame they are in."""
 
     observations: list[Observation]
     frame: PerceivedFrame

@@ -29,29 +29,29 @@ def found_optimum(cost, seed=0, iterations=1500):
     return search.run(ConvergenceCriteria(iterations)).parameters
 
 
-def identified_names(told):
-    return {n for n, yes in zip(parameter_names(MATERIALS), told.identified, strict=True) if yes}
+def identified_names(result):
+    return {n for n, yes in zip(parameter_names(MATERIALS), result.identified, strict=True) if yes}
 
 
 def test_only_what_acted_is_identified(event_driven, throws, true_parameters):
     cost = TrajectoryCost(throws(6, 0, noise=0.003), event_driven, MATERIALS)
-    told = identify(cost, SPACE, true_parameters)
+    result = identify(cost, SPACE, true_parameters)
     # A lone sphere's density cancels in its equation of motion, and ball never met ball.
-    assert identified_names(told) == {
+    assert identified_names(result) == {
         "dynamic_friction[ball, floor]",
         "rolling_friction[ball, floor]",
         "restitution[ball, floor]",
     }
-    dependent = {n for n, yes in zip(SPACE.names, told.responsive, strict=True) if yes}
+    dependent = {n for n, yes in zip(SPACE.names, result.responsive, strict=True) if yes}
     assert all(name.endswith("[ball, floor]") for name in dependent)
-    assert (np.isnan(told.standard_deviations) == ~told.identified).all()
+    assert (np.isnan(result.standard_deviations) == ~result.identified).all()
 
 
 def test_nothing_is_identified_in_free_flight(event_driven, throws, true_parameters):
     flight = throws(3, 0, noise=0.003, times=4)
-    told = identify(TrajectoryCost(flight, event_driven, MATERIALS), SPACE, true_parameters)
-    assert not told.identified.any()
-    assert not told.responsive.any()
+    result = identify(TrajectoryCost(flight, event_driven, MATERIALS), SPACE, true_parameters)
+    assert not result.identified.any()
+    assert not result.responsive.any()
 
 
 def test_a_response_below_the_noise_identifies_nothing(glide, glides):
@@ -66,9 +66,9 @@ def test_a_response_below_the_noise_identifies_nothing(glide, glides):
     changed = type(thing)(thing.object, noisy, thing.initial_state)
     observation = type(observation)(observation.environment, (changed,), 0.0)
     cost = TrajectoryCost([observation], glide, MATERIALS)
-    told = identify(cost, SPACE, StaticParameters.uniform(MATERIALS))
-    assert told.responsive.sum() == 1
-    assert not told.identified.any()
+    result = identify(cost, SPACE, StaticParameters.uniform(MATERIALS))
+    assert result.responsive.sum() == 1
+    assert not result.identified.any()
 
 
 def test_bounds_that_freeze_a_parameter_leave_nothing_to_identify(
@@ -76,8 +76,8 @@ def test_bounds_that_freeze_a_parameter_leave_nothing_to_identify(
 ):
     space = ParameterSpace(MATERIALS, {"restitution": Bounds(0.7, 0.7)})
     cost = TrajectoryCost(throws(4, 0, noise=0.003), event_driven, MATERIALS)
-    told = identify(cost, space, true_parameters)
-    assert not told.responsive[parameter_names(MATERIALS).index("restitution[ball, floor]")]
+    result = identify(cost, space, true_parameters)
+    assert not result.responsive[parameter_names(MATERIALS).index("restitution[ball, floor]")]
 
 
 def test_failed_worlds_do_not_count_as_a_response(glide, glides):
@@ -90,8 +90,8 @@ def test_failed_worlds_do_not_count_as_a_response(glide, glides):
     )
     observation = type(observation)(observation.environment, (resting,), 0.0)
     cost = TrajectoryCost([observation], glide, MATERIALS)
-    told = identify(cost, SPACE, StaticParameters.uniform(MATERIALS))
-    assert not told.responsive.any()
+    result = identify(cost, SPACE, StaticParameters.uniform(MATERIALS))
+    assert not result.responsive.any()
 
 
 def test_standard_deviation_of_a_linear_model(glide, glides):
@@ -104,10 +104,10 @@ def test_standard_deviation_of_a_linear_model(glide, glides):
     changed = type(thing)(thing.object, trajectory, thing.initial_state)
     observation = type(observation)(observation.environment, (changed,), 0.0)
     cost = TrajectoryCost([observation], glide, MATERIALS)
-    told = identify(cost, SPACE, StaticParameters.uniform(MATERIALS, restitution=0.5))
+    result = identify(cost, SPACE, StaticParameters.uniform(MATERIALS, restitution=0.5))
     leverage = np.outer(trajectory.times, thing.initial_state.linear_velocity)
     expected = 0.02 / np.sqrt(np.square(leverage).sum())
-    got = told.standard_deviations[parameter_names(MATERIALS).index("restitution[ball, floor]")]
+    got = result.standard_deviations[parameter_names(MATERIALS).index("restitution[ball, floor]")]
     # 1200 residuals give the noise to some per cent, chance correlation some more.
     assert 0.8 * expected < got < 1.5 * expected
 
@@ -118,9 +118,9 @@ def test_true_values_lie_within_the_stated_uncertainty(event_driven, throws, tru
         observed = throws(8, seed, noise=0.005, state_noise=0.004)
         cost = TrajectoryCost(observed, event_driven, MATERIALS)
         found = found_optimum(cost)
-        told = identify(cost, SPACE, found)
+        result = identify(cost, SPACE, found)
         errors = parameter_vector(found) - parameter_vector(true_parameters)
-        scores += (errors / told.standard_deviations)[told.identified].tolist()
+        scores += (errors / result.standard_deviations)[result.identified].tolist()
     # Errors in units of their standard deviation have a root mean square of about one.
     assert len(scores) >= 12
     assert 0.4 < np.sqrt(np.mean(np.square(scores))) < 2.0

@@ -5,6 +5,7 @@ A sentence of the paper stands above the test that holds a rule to it.
 
 import numpy as np
 import pytest
+from rule_cases import bowl, proposed
 
 from intuitive_physics_learner import UPDATE_RULES, make_update_rule
 
@@ -33,23 +34,6 @@ LEVELS = 0.025 + 0.05 * np.arange(20)
 
 def rule_of(name, size=4, seed=0, start=None, **settings):
     return make_update_rule(name, size, np.random.default_rng(seed), start, **settings)
-
-
-def bowl(points):
-    """A cost in m with its lowest, 0, at 0.3 everywhere."""
-    return np.abs(points - 0.3).mean(axis=1)
-
-
-def proposed(rule, count, costs=bowl):
-    """Run a rule for `count` candidates and return them, shape (count, n)."""
-    points = np.empty((0, rule.size))
-    while len(points) < count:
-        new = rule.ask(min(50, count - len(points)))
-        if len(new) == 0:
-            break
-        rule.tell(costs(new))
-        points = np.concatenate([points, new])
-    return points
 
 
 def moved(points, origin):

@@ -109,12 +109,12 @@ def test_ends_when_there_is_nothing_left_to_try():
 
 
 def test_progress_tells_every_cost_once():
-    told = []
-    result = search_of("cma_es").run(ConvergenceCriteria(130), on_progress=told.append)
-    assert [cost for progress in told for cost in progress.new_costs] == result.history.tolist()
-    assert [progress.iteration for progress in told] == [20, 40, 60, 80, 100, 120, 130]
-    assert told[-1].best_cost == result.cost
-    assert told[-1].seconds_left == 0.0
+    reports = []
+    result = search_of("cma_es").run(ConvergenceCriteria(130), on_progress=reports.append)
+    assert [cost for progress in reports for cost in progress.new_costs] == result.history.tolist()
+    assert [progress.iteration for progress in reports] == [20, 40, 60, 80, 100, 120, 130]
+    assert reports[-1].best_cost == result.cost
+    assert reports[-1].seconds_left == 0.0
 
 
 @pytest.mark.parametrize("method", sorted(UPDATE_RULES))

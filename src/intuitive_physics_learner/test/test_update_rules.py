@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rule_cases import bowl, proposed
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics_learner import (
@@ -25,25 +26,8 @@ SHORT = {
 """Settings with which a rule passes through all it does in a few hundred candidates."""
 
 
-def bowl(points):
-    """A cost in m with its lowest, 0, at 0.3 everywhere."""
-    return np.abs(points - 0.3).mean(axis=1)
-
-
 def rule_of(name, size=4, seed=0, start=None):
     return make_update_rule(name, size, np.random.default_rng(seed), start, **SHORT.get(name, {}))
-
-
-def proposed(rule, count, limit=50, costs=bowl):
-    """Run a rule for `count` candidates and return them, shape (count, n)."""
-    points = np.empty((0, rule.size))
-    while len(points) < count:
-        new = rule.ask(min(limit, count - len(points)))
-        rule.tell(costs(new))
-        points = np.concatenate([points, new])
-        if len(new) == 0:
-            break
-    return points
 
 
 @pytest.mark.parametrize("name", RULES)

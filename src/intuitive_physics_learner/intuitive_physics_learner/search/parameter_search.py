@@ -57,13 +57,7 @@ class Search(ABC):
     @property
     @abstractmethod
     def best_parameters(self) -> StaticParameters:
-        """The estimate of θ_s: that of the lowest J so far, unless the search has a better reason.
-
-        Raises
-        ------
-        InvalidInputError
-            When nothing was evaluated yet.
-        """
+        """The estimate of θ_s: that of the lowest J so far, unless the search has a better reason."""
 
     @abstractmethod
     def keep_start(self, task: LearningTask) -> bool:
@@ -71,14 +65,7 @@ class Search(ABC):
 
         A search that is stopped early must not replace a θ_s by a worse one.
 
-        Parameters
-        ----------
-        task : that this search is of
-
-        Returns
-        -------
-        bool
-            Whether the start is better than what was found.
+        Returns whether the start is better than what was found.
         """
 
     def initial_spins(self) -> InitialSpins:
@@ -148,28 +135,11 @@ class Search(ABC):
         """Return which parameters the observations determine, and how well, at the estimate.
 
         By J around `best_parameters` (`identify`), unless the search has a better way.
-
-        Parameters
-        ----------
-        task : that this search is of
-        cancelled : looked at between batches
-        seconds_left : of the time limit, for ways that can be cut short
-
-        Raises
-        ------
-        LearningCancelledError
-            When `cancelled` returned True.
         """
         return identify(task.cost, task.space, self.best_parameters, task.active, cancelled)
 
     def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
-        """How long `identifiability` will take at the pace of the search.
-
-        Parameters
-        ----------
-        task : that this search is of
-        seconds : that the search has taken so far
-        """
+        """How long `identifiability` will take at the pace of the search."""
         if self.iterations == 0:
             return 0.0
         trials = identification_trials(task.influence)
@@ -178,12 +148,9 @@ class Search(ABC):
     def lengths_beyond(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Return how far each observation is from the fit just beyond where this stops.
 
-        Returns
-        -------
-        lengths : (n_observations,) σ, of residuals; NaN where a fit does not stop
-        times : (n_observations,) s after the start, where that is
-
-        None where the search fits no trajectories.
+        Returns `lengths` (n_observations,) σ, of residuals; NaN where a fit does not stop; `times`
+        (n_observations,) s after the start, where that is. None where the search fits no
+        trajectories.
         """
         return None
 

@@ -96,7 +96,7 @@ def test_what_lies_in_an_environment_lies_there_in_every_frame(transform, seed) 
     assert again == pytest.approx(own, abs=1e-12)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(transforms(), vectors, vectors)
 @pytest.mark.parametrize("engine", ["event_driven", "stepped"])
 def test_a_simulation_is_the_same_in_every_frame(engine, transform, velocity, spin) -> None:

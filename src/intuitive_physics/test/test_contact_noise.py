@@ -141,7 +141,7 @@ def test_what_rests_stays_where_it_is(engine):
     np.testing.assert_allclose(last, np.tile([0, 0, R], (5, 1)), atol=1e-4)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 2**32), st.integers(2, 6), st.sampled_from(["event_driven", "stepped"]))
 def test_the_same_seed_is_the_same_answer_alone_and_in_threads(seed, threads, engine):
     # To the bit, for any seed; another seed gives another answer.

@@ -22,7 +22,7 @@ R = 0.05
     offset=st.floats(-0.8, 0.8),
     closing=st.floats(0.5, 5.0),
 )
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_collision_without_friction(ratio, e, offset, closing):
     # In free fall without friction: momentum is kept and the normal relative velocity becomes -e
     # times what it was: v1' = v1 + (1 + e) m2 / (m1 + m2) (v2 - v1)·n n.

@@ -119,7 +119,7 @@ def directions(scale):
     e=st.floats(0.1, 1.0),
     turn=directions(1.0),
 )
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_reflection_at_faces_edges_and_corners(corner, spread, aim, speed, e, turn):
     # Without gravity and friction: v' = v - (1 + e) (v·n) n, n from the nearest point of the box to
     # the centre. `corner` has a zero for each axis along which the hit is inside the box.

@@ -13,6 +13,8 @@ from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.scene import Plane
 from intuitive_physics.shapes import Box, Capsule, Sphere
 
+from .laws_scenes import random_quaternion
+
 SHAPES = {
     "sphere": Sphere(0.1),
     "box": Box((0.2, 0.3, 0.1)),
@@ -24,8 +26,8 @@ SEEDS = st.integers(0, 2**31)
 
 
 def random_body(shape, rng, spread=0.4):
-    quaternion = rng.normal(size=4)
-    return Body(shape, rng.normal(size=3) * spread, quaternion / np.linalg.norm(quaternion))
+    orientation = random_quaternion(rng)
+    return Body(shape, rng.normal(size=3) * spread, orientation)
 
 
 def core(body):

@@ -15,6 +15,8 @@ from intuitive_physics.geometry.rotations import rotate_quaternions, rotation_ma
 from intuitive_physics.scene import Plane
 from intuitive_physics.shapes import Box, Capsule, Sphere
 
+from .laws_scenes import random_quaternion
+
 SEEDS = st.integers(0, 2**31)
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 ROOM = 16
@@ -40,11 +42,6 @@ nearest_on_polygon = callable_from_python(closest_points.nearest_on_polygon)
 part_over_polygon = callable_from_python(closest_points.part_over_polygon)
 clip = callable_from_python(clipping.clip)
 clip_by_edges = callable_from_python(clipping.clip_by_edges)
-
-
-def random_quaternion(rng):
-    q = rng.normal(size=4)
-    return q / np.linalg.norm(q)
 
 
 def random_polygon(rng):

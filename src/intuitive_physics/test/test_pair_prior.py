@@ -152,7 +152,7 @@ def test_an_interval_is_not_narrowed():
     assert after.information[place, place] == pytest.approx(before.information[place, place])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.floats(0.0, 1.0), st.floats(0.02, 1.0))
 def test_truncated_normals_have_the_moments_where_they_can(mean, deviation):
     (centre,), (precision,) = matching_truncated_normals(np.array([mean]), np.array([deviation]))

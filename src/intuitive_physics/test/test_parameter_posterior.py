@@ -162,7 +162,7 @@ def test_many_rank_deficient_combinations_keep_what_is_known():
     arrays(np.bool_, SIZE),
     st.integers(0, 2**31),
 )
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_every_draw_is_within_the_cube_and_repeats_by_its_seed(factor, mean, sided, seed):
     ends = np.where(sided[:, None], np.stack([mean * 0.5, 0.5 + 0.5 * mean], axis=1), np.nan)
     given = ParameterPosterior(MATERIALS, mean, factor, intervals=ends)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from intuitive_physics.simulation.shares import run_in_shares
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(1, 300), st.integers(1, 8), st.integers(1, 70))
 def test_each_world_comes_once(worlds, threads, smallest):
     done = []

@@ -57,7 +57,7 @@ class Search(ABC):
     @property
     @abstractmethod
     def best_parameters(self) -> StaticParameters:
-        """The estimate of θ_s: that of the lowest J so far, unless the search has a better reason."""
+        """The estimate of θ_s, of the lowest J so far unless the search has a better reason."""
 
     @abstractmethod
     def keep_start(self, task: LearningTask) -> bool:

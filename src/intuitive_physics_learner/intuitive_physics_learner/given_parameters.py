@@ -49,16 +49,7 @@ def check_within_bounds(
 ) -> None:
     """Make sure that values lie within the bounds of a search.
 
-    Parameters
-    ----------
-    parameters : θ_s
-    chosen : (|θ_s|,) bool, which values to look at
-    bounds : by kind of parameter; what is left out has its default
-
-    Raises
-    ------
-    InvalidInputError
-        When one lies outside.
+    `chosen` (|θ_s|,) bool, which values to look at.
     """
     limits = {**DEFAULT_BOUNDS, **(bounds or {})}
     names, values = parameter_names(parameters.materials), parameter_vector(parameters)

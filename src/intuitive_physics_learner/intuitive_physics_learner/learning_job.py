@@ -48,13 +48,7 @@ class JobProgress:
 
 
 class LearningJob:
-    """Starts at once. The search's kernels release the interpreter lock, so other threads run too.
-
-    Parameters
-    ----------
-    work : what to run
-    on_change : called from the job's thread when there is progress, and when it has ended
-    """
+    """Starts at once; kernels of the search release the interpreter lock, so other threads run."""
 
     def __init__(self, work: Work, on_change: Callable[[], None]) -> None:
         self._work = work
@@ -96,12 +90,7 @@ class LearningJob:
         return self._progress.iteration
 
     def cancel(self, why: str = "") -> None:
-        """Make it stop, in the midst of a simulation too.
-
-        Parameters
-        ----------
-        why : in the error that `result` raises then; the first reason counts
-        """
+        """Make it stop, in the midst of a simulation too."""
         self._why = self._why or why
         self._stop.set()
 

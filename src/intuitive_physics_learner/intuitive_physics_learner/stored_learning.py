@@ -40,17 +40,8 @@ PROBE_HEIGHT = 1e3
 def check_environments(observations: Sequence[Observation], simulator: Simulator) -> None:
     """Simulate a lone ball of one of its materials in each environment.
 
-    Every engine knows balls, so one that refuses this scene refuses the environment.
-
-    Parameters
-    ----------
-    observations : whose environments are checked
-    simulator : the engine
-
-    Raises
-    ------
-    IncompatibleEnvironmentError
-        When the simulator refuses one.
+    Every engine knows balls, so one that refuses this scene refuses the environment:
+    an `IncompatibleEnvironmentError`.
     """
     for seen in observations:
         material = seen.objects[0].object.material

@@ -221,19 +221,8 @@ class ThrowOptions:
         """Return what was thrown so far: the same objects from between the same initial states.
 
         Objects of one material and kind of shape count as the same one. What was seen together is
-        thrown together. The environment, and the shape of each object, are the newest.
-
-        Parameters
-        ----------
-        observations : in the order of time
-        only : id or material that an object of each throw must have; None: any
-
-        Raises
-        ------
-        NoObservationsError
-            When there are no observations.
-        InvalidInputError
-            When no object is as `only` says.
+        thrown together. The environment, and the shape of each object, are the newest. `only` is an
+        id or material that an object of each throw must have.
         """
         if not observations:
             raise NoObservationsError("there are no observations; expected at least one throw")
@@ -269,11 +258,7 @@ class ThrowOptions:
     ) -> ThrowOptions:
         """Return the same with other ranges; None leaves those of each object as they are.
 
-        Parameters
-        ----------
-        position : (3, 2) m
-        linear_velocity : (3, 2) m/s
-        angular_velocity : (3, 2) rad/s
+        `position` (3, 2) m; `linear_velocity` (3, 2) m/s; `angular_velocity` (3, 2) rad/s.
         """
 
         def moved(one: ThrownObject) -> ThrownObject:
@@ -306,16 +291,6 @@ class ThrowOptions:
 
         Latin hypercube sampling (McKay, Beckman and Conover 1979): of n candidates of a cast, one
         lies in each n-th part of every range.
-
-        Parameters
-        ----------
-        count : of throws
-        rng : of all randomness
-
-        Raises
-        ------
-        InvalidInputError
-            When hardly any initial state within the ranges is free of overlaps.
         """
         found: list[Throw] = []
         for _ in range(ATTEMPTS):

@@ -67,14 +67,7 @@ MakeWork = Callable[[LearningOptions], Work]
 class RequestedSearches:
     """Offers `~/learn` and `~/learn_parameters`, one search at a time.
 
-    Parameters
-    ----------
-    node : that offers them
-    make_work : what a search runs, in a thread of its own
-    to_message : θ_s as the node publishes it
-    on_begin : called before a search begins
-    on_end : called in the node's executor when it has ended, with what was learned; None when
-        nothing was
+    `on_end` is called in the node's executor with what was learned; None when nothing was.
     """
 
     def __init__(

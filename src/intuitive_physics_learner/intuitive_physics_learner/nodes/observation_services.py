@@ -77,14 +77,7 @@ PAGE = 1000
 
 
 class ObservationQueue:
-    """Stores observations in a thread of its own; what cannot be stored waits and is tried again.
-
-    Parameters
-    ----------
-    store : that they go into
-    on_stored : called from the thread when some were stored
-    on_refused : called from the thread with what is wrong with an observation
-    """
+    """Stores observations in a thread of its own; what cannot be stored is tried again."""
 
     def __init__(
         self,
@@ -107,10 +100,7 @@ class ObservationQueue:
     def put(self, observation: Observation) -> None:
         """Have an observation stored as soon as that is possible; returns at once.
 
-        Raises
-        ------
-        StorageError
-            When too many wait; then this one is lost.
+        Where too many wait it is lost, which a `StorageError` says.
         """
         with self._changed:
             points = sum(one.point_count for one in self._waiting)
@@ -185,16 +175,7 @@ class ObservationQueue:
 
 
 class ObservationServices:
-    """Offers `~/observation` and the services on stored observations, none of which blocks.
-
-    Parameters
-    ----------
-    node : that offers them
-    store : where they are; only its threads wait for the database
-    background : thread of the database
-    on_changed : called in the node's executor when the set of observations has changed
-    export_folder : below which exports may be written
-    """
+    """Offers `~/observation` and the services on stored observations, none of which blocks."""
 
     def __init__(
         self,
@@ -423,15 +404,7 @@ def entry_to_message(entry: ObservationEntry) -> EntryMessage:
 def folder_below(folder: str, top: Path) -> Path:
     """Return a folder that lies below another one, where symbolic links lead to as well.
 
-    Parameters
-    ----------
-    folder : that a request names; relative ones count from `top`
-    top : that it must be below, or the same
-
-    Raises
-    ------
-    InvalidInputError
-        When it is not below, or names a home or a loop of links that leads nowhere.
+    A relative folder counts from `top`; an `InvalidInputError` says that it is not below.
     """
     try:
         found = (top / Path(folder).expanduser()).resolve()

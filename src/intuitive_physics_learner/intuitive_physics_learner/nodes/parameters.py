@@ -164,15 +164,7 @@ def online_options(node: Node) -> OnlineOptions:
 
 
 def learning_options(node: Node, message: LearningOptionsMessage) -> LearningOptions:
-    """Return the options of a request; what it leaves at zero is taken from the node's parameters.
-
-    Raises
-    ------
-    RefusedError
-        When the bounds are inverted or otherwise not what they must be.
-    InvalidInputError
-        When another number is out of its range.
-    """
+    """Return the options of a request; a zero in it stands for the node's parameter."""
 
     def chosen(name: str) -> Any:
         return getattr(message, name) or node.get_parameter(name).value
@@ -193,13 +185,7 @@ def learning_options(node: Node, message: LearningOptionsMessage) -> LearningOpt
 
 
 def bounds_of(messages: Sequence[ParameterBounds]) -> dict[str, Bounds]:
-    """Return the bounds by kind of parameter of a request.
-
-    Raises
-    ------
-    RefusedError
-        When they are inverted or otherwise not what they must be.
-    """
+    """Return the bounds by kind of parameter of a request."""
     try:
         bounds = bounds_from_messages(messages)
         # How the bounds of kinds must compare does not depend on the materials.
@@ -210,13 +196,7 @@ def bounds_of(messages: Sequence[ParameterBounds]) -> dict[str, Bounds]:
 
 
 def mode_of(request: SetStaticParameters.Request) -> str:
-    """Return what the values of a request are, one of `GIVEN_AS`.
-
-    Raises
-    ------
-    InvalidInputError
-        When its mode has no meaning.
-    """
+    """Return what the values of a request are, one of `GIVEN_AS`."""
     if request.mode not in MODES:
         expected = ", ".join(f"{code} ({as_what})" for code, as_what in MODES.items())
         raise InvalidInputError(f"mode is {request.mode}; expected one of {expected}")

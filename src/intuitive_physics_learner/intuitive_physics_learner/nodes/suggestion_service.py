@@ -40,13 +40,7 @@ MakeSuggestions = Callable[[SuggestionRequest, StopFlag], list[Suggestion]]
 
 
 class SuggestionService:
-    """Offers `~/suggest`, which is answered by a thread beside the node, one request at a time.
-
-    Parameters
-    ----------
-    node : that offers it
-    make : what finds suggestions
-    """
+    """Offers `~/suggest`, which is answered by a thread beside the node, one request at a time."""
 
     def __init__(self, node: Node, make: MakeSuggestions) -> None:
         self._node = node

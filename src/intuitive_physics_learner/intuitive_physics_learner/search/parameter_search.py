@@ -221,14 +221,7 @@ class Search(ABC):
 
 
 class ParameterSearch(Search):
-    """Algorithm 1 with an update rule.
-
-    Parameters
-    ----------
-    cost : J, evaluated in batches
-    space : maps the rule's unit cube to θ_s
-    rule : update rule of the size of the space
-    """
+    """Algorithm 1 with an update rule."""
 
     def __init__(self, cost: CostFunction, space: SearchSpace, rule: UpdateRule) -> None:
         super().__init__()

@@ -38,10 +38,7 @@ def main() -> None:
 def link(folder: Path, prefix: Path) -> None:
     """Link data files and scripts of a package into a prefix, and write its executables there.
 
-    Parameters
-    ----------
-    folder : of the package's `setup.py`
-    prefix : what `AMENT_PREFIX_PATH` names
+    The folder has the package's `setup.py`; `AMENT_PREFIX_PATH` names the prefix.
     """
     package = described(folder)
     programs = prefix / "lib" / package["name"]

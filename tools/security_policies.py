@@ -77,15 +77,7 @@ RECORDED_ELSEWHERE = ("/tf", "/tf_static")
 
 @dataclass
 class Rules:
-    """Names that one node may use, by what it does with them.
-
-    Parameters
-    ----------
-    node : its name
-    publish, subscribe : topics
-    reply, request : services
-    execute, call : actions
-    """
+    """Names of topics, services and actions that one node may use, by what it does with them."""
 
     node: str
     publish: set[str] = field(default_factory=set)

@@ -64,14 +64,7 @@ class Endpoint:
 def endpoints(node_class: type, *, plays_a_bag: bool = False) -> list[Endpoint]:
     """Return all endpoints of a node in the order in which they are made.
 
-    Parameters
-    ----------
-    plays_a_bag : leave out publishers whose topics are those of a bag
-
-    Raises
-    ------
-    UnresolvedEndpointError
-        When one cannot be looked up.
+    Of a node that plays a bag, publishers whose topics are those of the bag are left out.
     """
     reader = _Reader(plays_a_bag)
     if issubclass(node_class, ManagedNode):

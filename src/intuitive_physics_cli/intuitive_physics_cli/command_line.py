@@ -50,13 +50,10 @@ LIMITS = {setting.name: setting.default for setting in list_settings(InputLimits
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one subcommand.
+    """Run one subcommand and return the exit code.
 
-    Returns
-    -------
-    int
-        0 when it did what it was asked, 1 after an error that one line on standard error
-        explains, 130 after Ctrl-C.
+    It is 0 after success, 1 after an error, which one line on standard error explains, and 130
+    after Ctrl-C.
     """
     options = _parser().parse_args(arguments)
     try:

@@ -70,15 +70,7 @@ def observation_reader(suffix: str) -> Reader | None:
 
 
 def make_engine(name: str) -> Simulator:
-    """Return the engine of that name, the library's or an added one.
-
-    Raises
-    ------
-    UnknownNameError
-        When there is none.
-    InvalidInputError
-        When its package cannot be imported.
-    """
+    """Return the engine of that name, the library's or an added one."""
     if name in SIMULATORS:
         return make_simulator(name)
     added = {entry.name: entry for entry in _installed(ENGINES)}

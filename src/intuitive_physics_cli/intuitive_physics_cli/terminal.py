@@ -30,13 +30,7 @@ def format_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 class ProgressBar:
-    """A bar on standard error, shown only at a terminal; use it as a context manager.
-
-    Parameters
-    ----------
-    label : what is being done
-    stream : where to; None takes standard error
-    """
+    """A context with a bar on a stream, standard error if None; it is shown at a terminal only."""
 
     def __init__(self, label: str, stream: TextIO | None = None) -> None:
         self._label = label

@@ -42,19 +42,7 @@ SPHERE_COLOR, GRAVITY_COLOR, PLANE_COLOR = (6, 182, 212), (220, 38, 38), (245, 1
 
 
 class RerunRecording:
-    """A Rerun recording being written; use it as a context manager.
-
-    Parameters
-    ----------
-    path : file to write, usually `.rrd`
-
-    Raises
-    ------
-    IntuitivePhysicsError
-        When Rerun is not installed.
-    InvalidInputError
-        When the file cannot be written.
-    """
+    """A context that writes a Rerun recording to a file, usually `.rrd`."""
 
     def __init__(self, path: Path) -> None:
         self._rerun = _rerun()

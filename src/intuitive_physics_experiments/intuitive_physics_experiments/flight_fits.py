@@ -16,11 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.scene import SceneObject
 from intuitive_physics.state import (
     ANGULAR_VELOCITY,
     ERROR_SIZE,
     LINEAR_VELOCITY,
     POSITION,
+    ROTATION,
     ObjectState,
 )
 from intuitive_physics.validation import (
@@ -56,6 +58,21 @@ def state_covariance(
     covariance = np.zeros((ERROR_SIZE, ERROR_SIZE))
     covariance[np.ix_(rows, rows)] = fitted
     return covariance
+
+
+def with_known_rotation(
+    known: ObjectState,
+    position: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+) -> ObjectState:
+    """State of a fitted position (3,) and velocity (3,); orientation and spin are the known ones.
+
+    The `covariance` (12, 12) gets their part of the known covariance.
+    """
+    for part in (ROTATION, ANGULAR_VELOCITY):
+        covariance[part, part] = known.covariance[part, part]
+    return ObjectState(position, known.orientation, velocity, known.angular_velocity, covariance)
 
 
 def _without_gravity(
@@ -187,6 +204,15 @@ class AirFactors:
     def __post_init__(self) -> None:
         non_negative_float(self.drag, "drag factor")
         non_negative_float(self.magnus, "Magnus factor")
+
+    @staticmethod
+    def of(ball: SceneObject, air_density: float, mass: float) -> AirFactors:
+        """Return the factors of a ball of a mass in kg in air of a density in kg/m³."""
+        radius = ball.shape.bounding_radius
+        pressed = 0.5 * air_density * np.pi * radius**2 / mass
+        return AirFactors(
+            pressed * ball.drag_coefficient, pressed * radius * ball.magnus_coefficient
+        )
 
 
 def fit_initial_state_in_air(

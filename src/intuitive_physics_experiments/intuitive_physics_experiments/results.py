@@ -20,7 +20,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_cli.report.report_page import png
@@ -153,10 +153,8 @@ def _compute_inherited(name: str) -> None:
     _inherited["store"]._compute(name, _inherited["cells"][name])
 
 
-class Experiment(Protocol):
-    """Computes its cells in a store, as its settings say, and returns what they show."""
-
-    def __call__(self, settings: Any, store: CellStore, /) -> Results: ...
+# Computes its cells in a store, as its settings say
+Experiment = Callable[[Any, CellStore], Results]
 
 
 def run_experiment(

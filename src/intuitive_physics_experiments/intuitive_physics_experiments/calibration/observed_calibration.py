@@ -14,9 +14,9 @@ from scipy.stats import chi2
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.observation import Observation, ObservedObject
-from intuitive_physics.scene import Environment, Scene, SceneObject
+from intuitive_physics.scene import Environment, Scene
 from intuitive_physics.simulation import make_simulator
-from intuitive_physics.state import ANGULAR_VELOCITY, ROTATION, ObjectState
+from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_cli.evaluation.evaluation import split
 from intuitive_physics_experiments.calibration.calibrate import Calibration, calibrate
@@ -28,6 +28,7 @@ from intuitive_physics_experiments.flight_fits import (
     fit_initial_state_in_air,
     fit_noisy_flight,
     flight_length,
+    with_known_rotation,
 )
 from intuitive_physics_learner.joint_estimation.point_noise import detected
 from intuitive_physics_learner.learning_session import LearningOptions, learn
@@ -174,8 +175,8 @@ def _initial_state(
     )
     known, gravity = observed_object.initial_state, environment.gravity
     if observed_object.object.drag_coefficient:
-        density = densities[observed_object.object.material]
-        air = air_factors(observed_object.object, environment.air_density, density)
+        mass = observed_object.object.shape.mass(densities[observed_object.object.material])
+        air = AirFactors.of(observed_object.object, environment.air_density, mass)
         fitted = fit_initial_state_in_air(times, positions, gravity, air)
         position, velocity = fitted.position, fitted.linear_velocity
         covariance = fitted.covariance.copy()
@@ -185,18 +186,7 @@ def _initial_state(
         position, velocity, covariance = fit_noisy_flight(
             times[:free], positions[:free], gravity, covariances[:free]
         )
-    for part in (ROTATION, ANGULAR_VELOCITY):
-        covariance[part, part] = known.covariance[part, part]
-    return ObjectState(position, known.orientation, velocity, known.angular_velocity, covariance)
-
-
-def air_factors(scene_object: SceneObject, air_density: float, density: float) -> AirFactors:
-    """Return what air does to a ball of that density (kg/m³)."""
-    radius = scene_object.shape.bounding_radius
-    pressed = 0.5 * air_density * np.pi * radius**2 / scene_object.shape.mass(density)
-    return AirFactors(
-        pressed * scene_object.drag_coefficient, pressed * radius * scene_object.magnus_coefficient
-    )
+    return with_known_rotation(known, position, velocity, covariance)
 
 
 # Share of the observations where they are split once: θ_s is learned from these and the noise is

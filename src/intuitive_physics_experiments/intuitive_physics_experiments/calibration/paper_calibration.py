@@ -15,7 +15,7 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.scene import Environment, Scene
 from intuitive_physics.simulation import Simulator, make_simulator
-from intuitive_physics.state import ANGULAR_VELOCITY, ROTATION, ObjectState
+from intuitive_physics.state import ObjectState
 from intuitive_physics_experiments.calibration.calibrate import (
     OURS,
     Calibration,
@@ -28,6 +28,7 @@ from intuitive_physics_experiments.flight_fits import (
     FEWEST_POINTS,
     fit_noisy_flight,
     flight_length,
+    with_known_rotation,
 )
 from intuitive_physics_experiments.paper.paper_dataset import (
     POSITION_NOISE,
@@ -77,12 +78,7 @@ def initial_states(observation: Observation, points: int, noise: float) -> list[
         position, velocity, covariance = fit_noisy_flight(
             times[:count], positions[:count], gravity, noise
         )
-        known = observed.initial_state
-        for part in (ROTATION, ANGULAR_VELOCITY):
-            covariance[part, part] = known.covariance[part, part]
-        states.append(
-            ObjectState(position, known.orientation, velocity, known.angular_velocity, covariance)
-        )
+        states.append(with_known_rotation(observed.initial_state, position, velocity, covariance))
     return states
 
 

@@ -56,7 +56,6 @@ class PaperRun:
 
     def with_initial_states(self, source: str) -> PaperRun:
         """Return the same run with the initial states of another of `INITIAL_STATES`."""
-        _check_source(source)
         objects = tuple(
             ObservedObject(
                 observed.object,
@@ -120,7 +119,6 @@ def make_paper_dataset(
     `initial_states` one of `INITIAL_STATES`, the kinds of shapes are some of `SHAPE_KINDS`.
     Progress is trajectories made, and trajectories in all.
     """
-    _check_source(initial_states)
     if samples < 1:
         raise InvalidInputError(f"samples of each object are {samples}; expected at least 1")
     simulator = dataset_simulator(engine)
@@ -187,7 +185,6 @@ def observed_run(
     The scene has the true initial states, `times` (n_times,) s begin at 0, the true `positions`
     (n_objects, n_times, 3) m. The random numbers are those of noise and id.
     """
-    _check_source(initial_states)
     noisy = positions + rng.normal(0.0, POSITION_NOISE, positions.shape)
     observed = []
     for scene_object, truth, points in zip(scene.objects, scene.states, noisy, strict=True):
@@ -202,6 +199,10 @@ def _initial_state(
     trajectory: Trajectory, truth: ObjectState, environment: Environment, source: str
 ) -> ObjectState:
     """Position and velocity fitted to the points, spin as Eq. 10 draws it, orientation known."""
+    if source not in INITIAL_STATES:
+        raise UnknownNameError(
+            f"initial states are {source!r}; expected one of {', '.join(INITIAL_STATES)}"
+        )
     if source == "true":
         return truth
     t, x, g = trajectory.times, trajectory.positions, environment.gravity
@@ -209,13 +210,6 @@ def _initial_state(
     position, velocity, covariance = fit_noisy_flight(t[:count], x[:count], g, POSITION_NOISE)
     covariance[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = SPIN_DEVIATION**2 * np.eye(3)
     return ObjectState(position, truth.orientation, velocity, covariance=covariance)
-
-
-def _check_source(source: str) -> None:
-    if source not in INITIAL_STATES:
-        raise UnknownNameError(
-            f"initial states are {source!r}; expected one of {', '.join(INITIAL_STATES)}"
-        )
 
 
 FORMAT = "intuitive_physics/paper_dataset/1"  # Name and version of the ground truth's file format

@@ -166,9 +166,7 @@ def fit_ball_state(
     """Fit θ_d to a free flight, positions (n, 3) m at times (n,) s, in the ball's air."""
     if ball.drag_coefficient == ball.magnus_coefficient == 0.0:
         return fit_initial_state(times, positions, environment.gravity)
-    radius = ball.shape.bounding_radius
-    pressed = 0.5 * environment.air_density * np.pi * radius**2 / BALL_MASS
-    air = AirFactors(pressed * ball.drag_coefficient, pressed * radius * ball.magnus_coefficient)
+    air = AirFactors.of(ball, environment.air_density, BALL_MASS)
     return fit_initial_state_in_air(times, positions, environment.gravity, air)
 
 

@@ -155,45 +155,46 @@ def learn(
         distance to choose (`check_method`).
     """
     simulator = simulator or make_simulator("auto")
-    seen, options = _assessed(observations, options or LearningOptions())
-    previous, task = _begin(seen.clean, simulator, options, previous, cancelled, make_cost)
+    assessed, options = _assessed(observations, options or LearningOptions())
+    previous, task = _begin(assessed.clean, simulator, options, previous, cancelled, make_cost)
     search = make_search(
         options.method, task, np.random.default_rng(options.seed), options.rule_settings
     )
-    same = _identity(options, task, previous)
+    identity = _identity(options, task, previous)
     if resume is not None:
-        _check_same_task(resume, same)
+        _check_same_task(resume, identity)
         search.load_state(resume["search"])
     began = time.monotonic()
-    found = search.run(
+    outcome = search.run(
         options.criteria,
         on_progress=on_progress,
         cancelled=cancelled,
-        on_checkpoint=on_checkpoint and (lambda state: on_checkpoint({**same, "search": state})),
+        on_checkpoint=on_checkpoint
+        and (lambda state: on_checkpoint({**identity, "search": state})),
         reserve=lambda seconds: search.identifiability_seconds(task, seconds),
     )
-    if found.stop_reason is StopReason.CANCELLED:
+    if outcome.stop_reason is StopReason.CANCELLED:
         raise LearningCancelledError
     if task.start_was_learned and search.keep_start(task):
         kept = search.best_parameters
-        found = replace(found, parameters=kept, cost=float(task.cost.costs([kept])[0]))
+        outcome = replace(outcome, parameters=kept, cost=float(task.cost.costs([kept])[0]))
     limit = options.criteria.time_limit
     identifiability = search.identifiability(
         task,
         cancelled=cancelled,
         seconds_left=lambda: np.inf if limit is None else limit - (time.monotonic() - began),
     )
-    parameters = _unresponsive_restored(task, found, identifiability)
+    parameters = _unresponsive_restored(task, outcome, identifiability)
     cost = float(task.cost.costs([parameters])[0])
     learned = _merged(
         previous, task.space, parameters, identifiability, cost, len(observations), options.method
     )
     spins = previous.initial_spins.updated(search.initial_spins())
     learned = replace(learned, initial_spins=spins)
-    assessments, beyond = seen.assessments, search.lengths_beyond()
+    assessments, beyond = assessed.assessments, search.lengths_beyond()
     if beyond is not None:
         assessments = reassessed(assessments, *beyond, trusted=options.trusted_ids)
-    return LearningResult(learned, found, assessments or None)
+    return LearningResult(learned, outcome, assessments or None)
 
 
 def _assessed(
@@ -203,11 +204,11 @@ def _assessed(
     if options.method != JOINT_METHOD:
         return AssessedObservations(tuple(observations), ()), options
     began = time.monotonic()
-    seen = assess_observations(observations, options.trusted_ids)
+    assessed = assess_observations(observations, options.trusted_ids)
     limit = options.criteria.time_limit
     if limit is not None:
         limit = max(0.0, limit - (time.monotonic() - began))
-    return seen, replace(options, criteria=replace(options.criteria, time_limit=limit))
+    return assessed, replace(options, criteria=replace(options.criteria, time_limit=limit))
 
 
 def search_parameters(
@@ -220,8 +221,8 @@ def search_parameters(
     NoObservationsError, UnknownMethodError, UnsupportedSceneError, InvalidInputError
         As `learn`.
     """
-    seen, options = _assessed(observations, options)
-    _, task = _begin(seen.clean, simulator, options, None, None, TrajectoryCost)
+    assessed, options = _assessed(observations, options)
+    _, task = _begin(assessed.clean, simulator, options, None, None, TrajectoryCost)
     search = make_search(
         options.method, task, np.random.default_rng(options.seed), options.rule_settings
     )
@@ -240,12 +241,12 @@ def _begin(
     check_method(options.method, options.distance, options.rule_settings)
     if not observations:
         raise NoObservationsError("there are no observations; expected at least one")
-    seen = observation_materials(observations)
+    observed = observation_materials(observations)
     if previous is None:
-        previous = LearnedParameters.defaults(seen)
-    previous = previous.extended(tuple(dict.fromkeys((*previous.materials, *seen))))
+        previous = LearnedParameters.defaults(observed)
+    previous = previous.extended(tuple(dict.fromkeys((*previous.materials, *observed))))
     # In the order of all known materials, so that a pair has the same name in both.
-    materials = tuple(name for name in previous.materials if name in seen)
+    materials = tuple(name for name in previous.materials if name in observed)
 
     def cost_over(some: Sequence[Observation]) -> Cost:
         cost = make_cost(some, simulator, materials, options.distance)
@@ -253,9 +254,11 @@ def _begin(
 
     cost, detected_cost = cost_over(observations), None
     if options.method == JOINT_METHOD and any(
-        one.detections is not None for seen in observations for one in seen.objects
+        thing.detections is not None
+        for observation in observations
+        for thing in observation.objects
     ):
-        detected_cost = cost_over([detected(seen) for seen in observations])
+        detected_cost = cost_over([detected(observation) for observation in observations])
     start = previous.parameters.extended(materials)
     influence = parameter_influence(observations, materials)
     if not influence.any():
@@ -280,8 +283,8 @@ def _begin(
         detected_cost=detected_cost,
         start_was_learned=previous.version > 0,
     )
-    known = None if given is None else _given_prior(task, given)
-    return previous, replace(task, known=known)
+    prior = None if given is None else _given_prior(task, given)
+    return previous, replace(task, known=prior)
 
 
 def _given_prior(task: LearningTask, given: GivenKnowledge) -> GaussianPrior | None:

@@ -134,7 +134,7 @@ def test_what_an_earlier_candidate_predicted_worse_does_not_add_up(event_driven,
     state.published_information = state.posterior.copy()
     state.posterior.vector += state.posterior.matrix @ wrong
     for seen in observed[4:]:
-        learner._meet(seen)
+        learner._process(seen)
         assert -largest <= state.score <= 0.0
 
 

@@ -180,9 +180,9 @@ class OnlineLearner:
         known = {one.id for one in (*self.state.window, *self.state.doubtful)}
         for seen in observations:
             if seen.id not in known:
-                self._meet(seen)
+                self._process(seen)
                 known.add(seen.id)
-        self._look_again()
+        self._retry_doubtful()
         before = self.state.unit.copy(), self.state.prior.deviations**2
         self._fit_window(seconds_left)
         self._note_move(*before)
@@ -241,7 +241,7 @@ class OnlineLearner:
         influence = parameter_influence(observations, self.state.materials)
         return np.asarray(influence & ~self.state.held)
 
-    def _meet(self, seen: Observation) -> None:
+    def _process(self, seen: Observation) -> None:
         """Predict an observation, then take it into the window or set it aside."""
         state = self.state
         state.processed += 1
@@ -261,7 +261,7 @@ class OnlineLearner:
             state.set_aside += 1
             return
         self._observations[seen.id] = seen
-        doubt = self._doubt(cost, influence, fit)
+        doubt = self._reason_for_doubt(cost, influence, fit)
         if doubt is None:
             self._score(cost, influence, fit)
             state.window.append(self._member(seen, fit))
@@ -293,7 +293,7 @@ class OnlineLearner:
         self.simulations += fit.simulations
         return fit
 
-    def _doubt(
+    def _reason_for_doubt(
         self, cost: TrajectoryCost, influence: NDArray[np.bool_], fit: LoneFit
     ) -> tuple[LoneFit, Assessment] | None:
         """Compare with a fit that knows nothing; None when the observation is not doubtful."""
@@ -331,7 +331,7 @@ class OnlineLearner:
         state.set_aside += 1
         self._assessments.append(assessment)
 
-    def _look_again(self) -> None:
+    def _retry_doubtful(self) -> None:
         """Fit the doubtful observation that was looked at longest ago to what is known now."""
         state = self.state
         if not state.doubtful:
@@ -458,9 +458,9 @@ class OnlineLearner:
         ):
             member.fit = found
             member.likelihood = replace(likelihood, parameters=own[likelihood.parameters])
-        self._weigh()
+        self._update_weights()
 
-    def _weigh(self) -> None:
+    def _update_weights(self) -> None:
         """Find the weights of the window's observations, and all that is known."""
         state = self.state
         ages = np.array([self._age_weight(one) for one in state.window])
@@ -532,7 +532,7 @@ class OnlineLearner:
         for member in [one for one in state.doubtful if one in after]:
             state.doubtful.remove(member)
             self._take_back(member)
-        self._weigh()
+        self._update_weights()
         state.unit = np.clip(self.state.prior.mean, 0.0, 1.0)
         self._fit_window(seconds_left)
 
@@ -576,9 +576,9 @@ class OnlineLearner:
         deviations = self.state.prior.deviations
         moved = np.abs(state.unit - published.mean) > SMALLEST_MOVE * deviations
         changed = np.abs(deviations / published.deviations - 1.0) > SMALLEST_NARROWING
-        return bool((moved | changed).any()) or self._spins_say_something_new()
+        return bool((moved | changed).any()) or self._has_new_spins()
 
-    def _spins_say_something_new(self) -> bool:
+    def _has_new_spins(self) -> bool:
         """Whether how balls are thrown is worth a new version, as the parameters are."""
         state = self.state
         before = {} if state.published is None else state.published.initial_spins.by_material

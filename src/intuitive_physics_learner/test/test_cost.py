@@ -11,7 +11,7 @@ from intuitive_physics.errors import UnknownNameError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.simulation import pack_worlds
-from intuitive_physics.trajectory import DISTANCES, LARGEST_DISTANCE, Trajectory
+from intuitive_physics.trajectory import DISTANCES, LARGEST_DISTANCE, MEAN_DISTANCE, Trajectory
 from intuitive_physics_learner import NoObservationsError, TrajectoryCost
 from intuitive_physics_learner.cost import cost_function as cost_module
 from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE
@@ -66,23 +66,14 @@ def test_agrees_with_the_definition(glide, glides, seed, counts, e, seen, distan
     )
 
 
-def test_closed_form(glide, glides):
-    # x(t) = x(0) + e v t, so D̄ = |e - e'| |v| mean(t).
+@pytest.mark.parametrize(("distance", "of"), [(MEAN_DISTANCE, np.mean), (LARGEST_DISTANCE, np.max)])
+def test_distances_in_closed_form(glide, glides, distance, of):
+    # x(t) = x(0) + e v t moves apart all the time: D̄ = |e - e'| |v| mean(t), D̂ with the last t.
     observation = glides(np.random.default_rng(0), 0.8, start=100.0)
-    seen = observation.objects[0]
-    speed = np.linalg.norm(seen.initial_state.linear_velocity)
-    expected = 0.3 * speed * (seen.trajectory.times - 100.0).mean()
-    got = TrajectoryCost([observation], glide, ("ball", "floor")).costs([parameters(0.5)])
-    np.testing.assert_allclose(got, [expected], rtol=1e-9)
-
-
-def test_largest_distance_in_closed_form(glide, glides):
-    # x(t) = x(0) + e v t moves apart all the time, so D̂ = |e - e'| |v| times the last time.
-    observation = glides(np.random.default_rng(0), 0.8, start=100.0)
-    seen = observation.objects[0]
-    speed = np.linalg.norm(seen.initial_state.linear_velocity)
-    expected = 0.3 * speed * (seen.trajectory.times[-1] - 100.0)
-    cost = TrajectoryCost([observation], glide, ("ball", "floor"), LARGEST_DISTANCE)
+    (ball,) = observation.objects
+    speed = np.linalg.norm(ball.initial_state.linear_velocity)
+    expected = 0.3 * speed * of(ball.trajectory.times - 100.0)
+    cost = TrajectoryCost([observation], glide, ("ball", "floor"), distance)
     np.testing.assert_allclose(cost.costs([parameters(0.5)]), [expected], rtol=1e-9)
 
 

@@ -1,5 +1,7 @@
 """What the data cannot tell is never called learned, and what is learned has a true uncertainty."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,6 +9,8 @@ from hypothesis import strategies as st
 
 from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
+from intuitive_physics.state import ObjectState
+from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import (
     ConvergenceCriteria,
     LearningCancelledError,
@@ -31,6 +35,12 @@ def found_optimum(cost, seed=0, iterations=1500):
 
 def identified_names(result):
     return {n for n, yes in zip(parameter_names(MATERIALS), result.identified, strict=True) if yes}
+
+
+def with_track(observation, times, positions):
+    """The observation of one object, on another track."""
+    (thing,) = observation.objects
+    return replace(observation, objects=(replace(thing, trajectory=Trajectory(times, positions)),))
 
 
 def test_only_what_acted_is_identified(event_driven, throws, true_parameters):
@@ -58,14 +68,9 @@ def test_a_response_below_the_noise_identifies_nothing(glide, glides):
     # e acts, but less than the noise hides: 0.1 s at about 1 mm/s against 1 m.
     generator = np.random.default_rng(0)
     observation = glides(generator, 0.5, counts=(20,))
-    thing = observation.objects[0]
-    noisy = type(thing.trajectory)(
-        1e-3 * thing.trajectory.times,
-        thing.trajectory.positions + generator.normal(size=(20, 3)),
-    )
-    changed = type(thing)(thing.object, noisy, thing.initial_state)
-    observation = type(observation)(observation.environment, (changed,), 0.0)
-    cost = TrajectoryCost([observation], glide, MATERIALS)
+    track = observation.objects[0].trajectory
+    noisy = track.positions + generator.normal(size=(20, 3))
+    cost = TrajectoryCost([with_track(observation, 1e-3 * track.times, noisy)], glide, MATERIALS)
     result = identify(cost, SPACE, StaticParameters.uniform(MATERIALS))
     assert result.responsive.sum() == 1
     assert not result.identified.any()
@@ -83,13 +88,9 @@ def test_bounds_that_freeze_a_parameter_leave_nothing_to_identify(
 def test_failed_worlds_do_not_count_as_a_response(glide, glides):
     # Where e > 0.99 the engine fails; a world that starts at rest responds to nothing else.
     observation = glides(np.random.default_rng(0), 0.0)
-    resting = type(observation.objects[0])(
-        observation.objects[0].object,
-        observation.objects[0].trajectory,
-        type(observation.objects[0].initial_state)(observation.objects[0].initial_state.position),
-    )
-    observation = type(observation)(observation.environment, (resting,), 0.0)
-    cost = TrajectoryCost([observation], glide, MATERIALS)
+    (thing,) = observation.objects
+    resting = replace(thing, initial_state=ObjectState(thing.initial_state.position))
+    cost = TrajectoryCost([replace(observation, objects=(resting,))], glide, MATERIALS)
     result = identify(cost, SPACE, StaticParameters.uniform(MATERIALS))
     assert not result.responsive.any()
 
@@ -99,13 +100,11 @@ def test_standard_deviation_of_a_linear_model(glide, glides):
     generator = np.random.default_rng(1)
     observation = glides(generator, 0.5, counts=(400,))
     thing = observation.objects[0]
-    noise = generator.normal(0.0, 0.02, (400, 3))
-    trajectory = type(thing.trajectory)(thing.trajectory.times, thing.trajectory.positions + noise)
-    changed = type(thing)(thing.object, trajectory, thing.initial_state)
-    observation = type(observation)(observation.environment, (changed,), 0.0)
-    cost = TrajectoryCost([observation], glide, MATERIALS)
+    track = thing.trajectory
+    noisy = track.positions + generator.normal(0.0, 0.02, (400, 3))
+    cost = TrajectoryCost([with_track(observation, track.times, noisy)], glide, MATERIALS)
     result = identify(cost, SPACE, StaticParameters.uniform(MATERIALS, restitution=0.5))
-    leverage = np.outer(trajectory.times, thing.initial_state.linear_velocity)
+    leverage = np.outer(track.times, thing.initial_state.linear_velocity)
     expected = 0.02 / np.sqrt(np.square(leverage).sum())
     got = result.standard_deviations[parameter_names(MATERIALS).index("restitution[ball, floor]")]
     # 1200 residuals give the noise to some per cent, chance correlation some more.

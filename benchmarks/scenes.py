@@ -13,21 +13,14 @@ from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 from intuitive_physics.state import ObjectState
 
-HALF_ROOM = 5.0
-"""m from the middle of the room to each wall."""
-
-DENSITY = 500.0
-"""kg/m³ of all objects."""
-
+HALF_ROOM = 5.0  # m from the middle of the room to each wall
+DENSITY = 500.0  # kg/m³ of all objects
+# Of a prediction: simulations, steps of each, and s of a step
 SIMULATIONS, STEPS, TIME_STEP = 20, 500, 0.01
-"""Of a prediction: simulations, steps of each, and s of a step."""
-
+# m and m/s, standard deviations of the noise on an initial state
 POSITION_NOISE, VELOCITY_NOISE = 0.01, 0.1
-"""m and m/s, standard deviations of the noise on an initial state."""
-
+# m between an object and the floor at the start, at least; twice that between two objects
 CLEARANCE = 0.05
-"""m between an object and the floor at the start, at least; twice that between two objects."""
-
 SCENES: dict[str, tuple[str, ...]] = {
     "1_sphere": ("sphere",),
     "3_spheres": ("sphere",) * 3,

@@ -14,11 +14,8 @@ import numpy as np
 
 from intuitive_physics.processes import ChildProcess
 
-RATE = 100.0
-"""Hz, of the predictor."""
-
-WORK = 0.003
-"""s of work a tick, about what a prediction takes."""
+RATE = 100.0  # hz, of the predictor
+WORK = 0.003  # s of work a tick, about what a prediction takes
 
 
 @dataclass(frozen=True)

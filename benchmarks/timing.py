@@ -14,8 +14,8 @@ from benchmarks.peers.engine import Engine, Prepared
 from benchmarks.peers.ours import NAMES
 from benchmarks.scenes import STEPS, TIME_STEP, Instance
 
+# Seconds an engine's turn lasts at least: short predictions are repeated, their median counts
 TURN = 0.02
-"""Seconds an engine's turn lasts at least: short predictions are repeated, their median counts."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -226,7 +226,7 @@ def test_true_initial_states_are_those_that_estimation_calls_so():
 
 
 def test_a_fit_that_begins_at_the_truth_is_better_than_the_defaults():
-    bound = bound_of("1x50", make_task(1, 2), 2)
+    bound = bound_of("1x50", 2, make_task(1, 2))
     assert bound.horizon > 0.5
     assert bound.first < 1.0
 

@@ -31,17 +31,13 @@ from intuitive_physics_experiments.recorded_sets.flight_tables import labelled_w
 from intuitive_physics_experiments.recorded_sets.recorded_data import load_spin_flights
 from intuitive_physics_experiments.recorded_sets.spin_flights import SpinFlight
 
+# Recordings of others, beside the clone
 REAL_DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "real"
-"""Recordings of others, beside the clone."""
-
+# Evaluations of the cost that a filter is tuned by, from parameters of an earlier tuning
 EVALUATIONS, QUICK_EVALUATIONS = 120, 20
-"""Evaluations of the cost that a filter is tuned by, from parameters of an earlier tuning."""
-
-LARGEST_ERROR = 0.2
-"""m; a larger error counts as that when a filter is tuned."""
-
+LARGEST_ERROR = 0.2  # m; a larger error counts as that when a filter is tuned
+# Bars: relative error of the spin across the flight, error beyond the bounce over a filter's
 MOST_SPIN_ERROR, MOST_OVER_FILTER = 0.25, 0.7
-"""Bars: relative error of the spin across the flight, error beyond the bounce over a filter's."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +71,8 @@ PEERS = (
 )
 """Filters, all tuned on the flights that ours learns from."""
 
+# Median errors in m beyond the bounce, of training and test, then beyond the last row seen
 Errors = tuple[float, float, float, float]
-"""Median errors in m beyond the bounce, of training and test, then beyond the last row seen."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -39,10 +39,9 @@ PARTS = {
 }
 """In the order in which they are measured and reported."""
 
+# Measured only where `--only` names it: it bounds what learning can reach, and changes only with
+# the sets
 ON_REQUEST = {"information": information.measure}
-"""Measured only where `--only` names it: it bounds what learning can reach, and changes only with
-the sets."""
-
 LINE = (
     "true_state_excess",
     "defaults_pass",
@@ -58,8 +57,7 @@ LINE = (
 )
 """Keys of the last line; null where the part that gives one was not measured."""
 
-FIRST_SEED = 100
-"""Of the random sets by default; tuning used lower ones."""
+FIRST_SEED = 100  # of the random sets by default; tuning used lower ones
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -10,15 +10,14 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.command import Outcome, report_progress
-from benchmarks.learning.paper_sets import Learned, learn_by_default
+from benchmarks.learning.paper_sets import Learned, learn_by_default, side_by_side
 from benchmarks.learning.scores import (
     Coverage,
     coverage,
@@ -48,18 +47,9 @@ from intuitive_physics_experiments.rendering.throws import make_throws
 from intuitive_physics_learner import active_parameters
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
 
-SETS, QUICK_SETS = 20, 2
-"""Random sets."""
-
-THROWS, QUICK_THROWS = 8, 4
-"""Throws of the ball of a set."""
-
-WORKERS = 2
-"""Processes that make sets side by side, each with one thread."""
-
-RESTITUTION_BAR = 0.003
-"""Limit of the median error of restitution, issue 17."""
-
+SETS, QUICK_SETS = 20, 2  # random sets
+THROWS, QUICK_THROWS = 8, 4  # throws of the ball of a set
+RESTITUTION_BAR = 0.003  # limit of the median error of restitution, issue 17
 TRUE_RANGES = {
     "density": Bounds(120.0, 1100.0, "logarithmic"),
     "static_friction": Bounds(0.2, 0.7),
@@ -150,9 +140,8 @@ def measure(quick: bool, first_seed: int) -> Outcome:
     """Make all sets, several at a time."""
     count, throws = (QUICK_SETS, QUICK_THROWS) if quick else (SETS, THROWS)
     report_progress(f"{count} sets of {throws} throws by a rendered camera")
-    with ProcessPoolExecutor(WORKERS, get_context("spawn")) as pool:
-        seeds = range(first_seed, first_seed + count)
-        sets = list(pool.map(learn_camera_set, seeds, [throws] * count))
+    seeds = range(first_seed, first_seed + count)
+    sets = side_by_side([partial(learn_camera_set, seed, throws) for seed in seeds])
     coverages = [each.coverage for each in sets]
     share = share_within(coverages)
     error = float(np.median([each.error("restitution") for each in sets]))

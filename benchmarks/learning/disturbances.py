@@ -14,37 +14,22 @@ from intuitive_physics.simulation import Simulator, WorldStatus
 from intuitive_physics.state import ObjectState
 from intuitive_physics_experiments.paper.paper_dataset import PaperRun, observed_run
 
+# s after the initial states between which something happens; runs last 5 s
 EARLIEST, LATEST = 0.5, 3.5
-"""s after the initial states between which something happens; runs last 5 s."""
-
+# m that a disturbed motion departs from the true one at least: ten standard deviations of the
+# noise of a position
 LEAST_DEVIATION = 0.2
-"""m that a disturbed motion departs from the true one at least: ten standard deviations of the
-noise of a position."""
-
-KICK_SPEEDS = (1.0, 4.0)
-"""m/s, slowest and fastest change of velocity by a kick."""
-
-KICK_SPIN = 5.0
-"""rad/s, standard deviation of the angular velocity after a kick, on each axis."""
-
-VELOCITY_STEP = 1e-3
-"""s over which velocities are differences of positions."""
-
+KICK_SPEEDS = (1.0, 4.0)  # m/s, slowest and fastest change of velocity by a kick
+KICK_SPIN = 5.0  # rad/s, standard deviation of the angular velocity after a kick, on each axis
+VELOCITY_STEP = 1e-3  # s over which velocities are differences of positions
+# m, shortest and longest way that a hand carries an object before it holds it still
 CARRY_DISTANCES = (0.3, 1.0)
-"""m, shortest and longest way that a hand carries an object before it holds it still."""
-
-CARRY_DURATION = 0.7
-"""s that a hand takes for it."""
-
-MOST_ATTEMPTS = 100
-"""Number of draws after which no disturbance is expected to depart far enough."""
-
-Motion = NDArray[np.float64]
-"""Positions (n_objects, n_times, 3) m."""
-
+CARRY_DURATION = 0.7  # s that a hand takes for it
+MOST_ATTEMPTS = 100  # number of draws after which no disturbance is expected to depart far enough
+Motion = NDArray[np.float64]  # positions (n_objects, n_times, 3) m
+# Returns all positions, given a run, an object's index and that of the time from which something
+# happens; None where this draw cannot be carried out
 Disturb = Callable[[PaperRun, int, int, np.random.Generator], Motion | None]
-"""Returns all positions, given a run, an object's index and that of the time from which something
-happens; None where this draw cannot be carried out."""
 
 
 class Disturber:

@@ -16,21 +16,13 @@ from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics_experiments.paper.paper_dataset import PaperDataset
 from intuitive_physics_experiments.paper.paper_room import dataset_simulator
 
-SETS, QUICK_SETS = 6, 1
-"""Random sets 1x50."""
-
-SHARE = 0.2
-"""Share of the training throws that are disturbed."""
-
-SECONDS = 4.0
-"""Limit of wall time of learning, with its uncertainties."""
-
+SETS, QUICK_SETS = 6, 1  # random sets 1x50
+SHARE = 0.2  # share of the training throws that are disturbed
+SECONDS = 4.0  # limit of wall time of learning, with its uncertainties
+# Largest excess, least share of disturbed throws that are flagged, largest share of good ones
+# that are, issue 17
 EXCESS_BAR, FLAGGED_BAR, FALSE_BAR = 0.1, 0.9, 0.05
-"""Largest excess, least share of disturbed throws that are flagged, largest share of good ones that
-are, issue 17."""
-
-LEAST_GOOD = 0.5
-"""Probability of being good below which an observation counts as flagged."""
+LEAST_GOOD = 0.5  # probability of being good below which an observation counts as flagged
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from benchmarks.command import Outcome, report_progress
-from benchmarks.learning.paper_sets import SIZES, Task, make_task
+from benchmarks.command import Outcome
+from benchmarks.learning.paper_sets import SIZES, Task, seeded_tasks
 from benchmarks.learning.scores import excess
 from benchmarks.results.result import Column, Table
 from intuitive_physics.observation import Observation, ObservedObject
@@ -27,14 +27,10 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import Initia
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.search.learning_task import LearningTask
 
-ADVANCES = 20
-"""Times that the fit horizons advance with everything held at the truth."""
-
-STEPS = 6
-"""Steps of the fit that begins at the truth and then goes to where it fits best."""
-
+ADVANCES = 20  # times that the fit horizons advance with everything held at the truth
+STEPS = 6  # steps of the fit that begins at the truth and then goes to where it fits best
+# s by which a horizon advances at most at a time: the estimate needs no careful approach
 LONGEST_ADVANCE = 1.0
-"""s by which a horizon advances at most at a time: the estimate needs no careful approach."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +71,7 @@ def _deviation(observed: ObservedObject, true: ObservedObject) -> NDArray[np.flo
     return deviation
 
 
-def bound_of(size: str, task: Task, seed: int) -> Bound:
+def bound_of(size: str, seed: int, task: Task) -> Bound:
     """Fit a set from its truth."""
     settings = JointEstimationSettings(largest_advance=LONGEST_ADVANCE, scan_steps=())
     cost = task.training_cost()
@@ -123,13 +119,7 @@ def _advanced(held: Sequence[ObservationFit], fit: JointFit) -> list[Observation
 
 def measure(quick: bool, first_seed: int) -> Outcome:
     """Fit all sets of all sizes from their truth."""
-    bounds = []
-    for name, size in SIZES.items():
-        count = size.quick_sets if quick else size.sets
-        for number in range(count):
-            report_progress(f"{name} from the truth, set {number + 1} of {count}")
-            seed = first_seed + number
-            bounds.append(bound_of(name, make_task(size.objects, seed), seed))
+    bounds = [bound_of(name, seed, task) for name, seed, task in seeded_tasks(quick, first_seed)]
     table = Table.of(
         "What the observations can tell: a fit that begins at the true θ_s and states",
         bounds,

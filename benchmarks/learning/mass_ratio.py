@@ -24,30 +24,14 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, learn
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
 
-COLLISIONS, QUICK_COLLISIONS = 20, 6
-"""Observations of each set."""
-
-SETS, QUICK_SETS = 3, 1
-"""Random sets."""
-
-ITERATIONS = 4000
-"""Largest number of evaluations of J."""
-
-SECONDS = 10.0
-"""Limit of wall time of learning one set, with its uncertainties."""
-
-BAR = (3.6, 4.4)
-"""Within which the interval from 5 to 95 % is to lie, issue 17."""
-
-RATIO = 4.0
-"""True ratio of the densities."""
-
-RADIUS = 0.04
-"""m, of both balls."""
-
-TABLE = Environment([Plane("table", "table", [0.0, 0.0, 1.0], 0.0)])
-"""The table on which they roll."""
-
+COLLISIONS, QUICK_COLLISIONS = 20, 6  # observations of each set
+SETS, QUICK_SETS = 3, 1  # random sets
+ITERATIONS = 4000  # largest number of evaluations of J
+SECONDS = 10.0  # limit of wall time of learning one set, with its uncertainties
+BAR = (3.6, 4.4)  # within which the interval from 5 to 95 % is to lie, issue 17
+RATIO = 4.0  # true ratio of the densities
+RADIUS = 0.04  # m, of both balls
+TABLE = Environment([Plane("table", "table", [0.0, 0.0, 1.0], 0.0)])  # the table on which they roll
 TRUTH = (
     StaticParameters.uniform(
         ["heavy", "light", "table"],
@@ -62,21 +46,13 @@ TRUTH = (
 )
 """θ_s that the collisions are simulated with."""
 
-NOISE = 0.001
-"""m, standard deviation of each observed coordinate."""
-
+NOISE = 0.001  # m, standard deviation of each observed coordinate
+# m, standard deviation of each coordinate of the observed initial positions; of velocities five
+# times as much per second
 STATE_NOISE = 0.002
-"""m, standard deviation of each coordinate of the observed initial positions; of velocities five
-times as much per second."""
-
-TIMES = np.arange(1, 61) / 60.0
-"""s of the observed points of each ball."""
-
-DRAWS = 4000
-"""Draws of θ_s that the intervals are taken of."""
-
-Interval = tuple[float, float]
-"""Lower and upper end."""
+TIMES = np.arange(1, 61) / 60.0  # s of the observed points of each ball
+DRAWS = 4000  # draws of θ_s that the intervals are taken of
+Interval = tuple[float, float]  # lower and upper end
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from benchmarks.command import Outcome, report_progress
-from benchmarks.learning.paper_sets import ball_throws, learn_by_default, make_task
+from benchmarks.learning.paper_sets import (
+    ball_throws,
+    learn_by_default,
+    make_task,
+    side_by_side,
+)
 from benchmarks.results.result import Column, Table
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
@@ -23,38 +28,17 @@ from intuitive_physics_learner import ObservationStore
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.stored_online_learning import StoredOnlineLearning
 
-SETS, QUICK_SETS = 3, 1
-"""Random sets 1x50 of which all training observations come one by one."""
-
-QUICK_OBSERVATIONS = 6
-"""Observations of a set with `--quick`."""
-
-STREAMS, QUICK_STREAMS = 3, 1
-"""Random streams in which restitution falls."""
-
-SECONDS = 1.0
-"""CPU time that may be spent on-line on each observation; the node's default is more."""
-
-ONLINE_BAR = 1.1
-"""Largest J of what is published over that of the fit to all, issue 17."""
-
-BEFORE, AFTER = 0.8, 0.7
-"""Restitution of the ball and the room before and after the change."""
-
-OBSERVATIONS_BEFORE = 15
-"""Observations before the change."""
-
+SETS, QUICK_SETS = 3, 1  # random sets 1x50 of which all training observations come one by one
+QUICK_OBSERVATIONS = 6  # observations of a set with `--quick`
+STREAMS, QUICK_STREAMS = 3, 1  # random streams in which restitution falls
+SECONDS = 1.0  # CPU time that may be spent on-line on each observation; the node's default is more
+ONLINE_BAR = 1.1  # largest J of what is published over that of the fit to all, issue 17
+BEFORE, AFTER = 0.8, 0.7  # restitution of the ball and the room before and after the change
+OBSERVATIONS_BEFORE = 15  # observations before the change
+# Observations after the change, before it counts as not noticed
 MOST_OBSERVATIONS_AFTER, QUICK_OBSERVATIONS_AFTER = 30, 4
-"""Observations after the change, before it counts as not noticed."""
-
-DRIFT_TOLERANCE = 0.01
-"""Tolerance of the published restitution."""
-
-DRIFT_BAR = 15.0
-"""Largest number of observations after the change, issue 17."""
-
-WORKERS = 2
-"""Processes side by side, each with one thread."""
+DRIFT_TOLERANCE = 0.01  # tolerance of the published restitution
+DRIFT_BAR = 15.0  # largest number of observations after the change, issue 17
 
 
 @dataclass(frozen=True)
@@ -167,12 +151,12 @@ def measure(quick: bool, first_seed: int) -> Outcome:
     observations = QUICK_OBSERVATIONS if quick else None
     after = QUICK_OBSERVATIONS_AFTER if quick else MOST_OBSERVATIONS_AFTER
     report_progress(f"{sets} sets and {streams} changing streams on-line")
-    with ProcessPoolExecutor(WORKERS, get_context("spawn")) as pool:
-        compared = pool.map(compare, range(first_seed, first_seed + sets), [observations] * sets)
-        followed = pool.map(
-            follow_change, range(first_seed, first_seed + streams), [after] * streams
-        )
-        comparisons, drifts = list(compared), list(followed)
+    calls: list[partial[Any]] = [
+        *(partial(compare, first_seed + number, observations) for number in range(sets)),
+        *(partial(follow_change, first_seed + number, after) for number in range(streams)),
+    ]
+    results = side_by_side(calls)
+    comparisons, drifts = results[:sets], results[sets:]
     ratio = max(each.ratio for each in comparisons)
     drift = mean_drift(drifts)
     complaints = []

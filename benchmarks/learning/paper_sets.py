@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
+from multiprocessing import get_context
+from typing import Any, TypeVar
 
 import numpy as np
 
+from benchmarks.command import report_progress
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation
@@ -33,11 +36,11 @@ from intuitive_physics_learner import (
     learn,
 )
 
-THREADS = 2
-"""Threads of the learner's simulator."""
+THREADS = 2  # threads of the learner's simulator
+TOLERANCE = 0.05  # part of the oracle's J by which a learner may stay above it
 
-TOLERANCE = 0.05
-"""Part of the oracle's J by which a learner may stay above it."""
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -126,6 +129,23 @@ def ball_throws(seed: int, restitutions: Iterator[float] | None = None) -> Itera
                 return
             true = true.with_pair(pool[0].material, ROOM_MATERIAL, restitution=restitution)
         yield throw_objects(pool, true, simulator, "three_points", rng).observation
+
+
+def seeded_tasks(quick: bool, first_seed: int) -> Iterator[tuple[str, int, Task]]:
+    """Yield the name of the size, the seed and the task of all sets of all sizes."""
+    for name, size in SIZES.items():
+        count = size.quick_sets if quick else size.sets
+        for number in range(count):
+            report_progress(f"{name}, set {number + 1} of {count}")
+            seed = first_seed + number
+            yield name, seed, make_task(size.objects, seed)
+
+
+def side_by_side(calls: Sequence[Callable[[], Item]]) -> list[Item]:
+    """Return what the calls return, each in one of two new processes."""
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+        futures = [pool.submit(call) for call in calls]
+        return [future.result() for future in futures]
 
 
 @dataclass(frozen=True, eq=False)

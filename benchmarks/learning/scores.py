@@ -13,12 +13,10 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
 
-WITHIN = 2.0
-"""Standard deviations within which the true value of an identified parameter is to lie."""
-
+WITHIN = 2.0  # standard deviations within which the true value of an identified parameter is to lie
+# Shares of identified parameters within two standard deviations between which deviations are
+# honest: a normal distribution has 0.954
 LEAST_WITHIN, MOST_WITHIN = 0.90, 0.99
-"""Shares of identified parameters within two standard deviations between which deviations are
-honest: a normal distribution has 0.954."""
 
 
 def excess(learned: float, oracle: float, default: float) -> float:

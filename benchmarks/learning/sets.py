@@ -17,6 +17,7 @@ from benchmarks.learning.paper_sets import (
     Task,
     learn_by_default,
     make_task,
+    seeded_tasks,
 )
 from benchmarks.learning.scores import (
     Coverage,
@@ -60,10 +61,10 @@ class SetResult:
         return excess(self.exact_default, self.exact_oracle, self.exact_default)
 
 
-def learn_set(size: str, task: Task, seed: int, seconds: float) -> SetResult:
+def learn_set(size: str, seed: int, task: Task) -> SetResult:
     """Learn from the training split of one set; J is evaluated after it has ended."""
     observations = task.dataset.training_observations
-    learned = learn_by_default(observations, seconds=seconds)
+    learned = learn_by_default(observations, seconds=SIZES[size].seconds)
     parameters = learned.parameters
     active = active_parameters(observations, parameters.materials)
     exact, exact_default = task.compared(task.exact_cost(), parameters.parameters)
@@ -87,14 +88,7 @@ def measure(quick: bool, first_seed: int) -> Outcome:
     report_progress("kernels")
     warm = make_task(2, 0)
     learn_by_default(warm.dataset.training_observations[:6], seconds=0.0)
-    results = []
-    for name, size in SIZES.items():
-        count = size.quick_sets if quick else size.sets
-        for number in range(count):
-            report_progress(f"{name}, set {number + 1} of {count}")
-            seed = first_seed + number
-            task = make_task(size.objects, seed)
-            results.append(learn_set(name, task, seed, size.seconds))
+    results = [learn_set(name, seed, task) for name, seed, task in seeded_tasks(quick, first_seed)]
     return Outcome(
         tables=[_excess_table(results), _summary(results), _coverage_table(results)],
         key_figures=figures(results),

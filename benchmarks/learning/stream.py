@@ -25,36 +25,20 @@ from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner import ObservationStore
 from intuitive_physics_learner.online.options import OnlineOptions
 
+# Numbers of stored observations at which the next ones are measured
 STORED, QUICK_STORED = (100, 1000, 10000), (20, 100)
-"""Numbers of stored observations at which the next ones are measured."""
-
-MEASURED, QUICK_MEASURED = 5, 2
-"""Observations whose mean cost counts."""
-
+MEASURED, QUICK_MEASURED = 5, 2  # observations whose mean cost counts
+# s of wall time after which a number of stored observations counts as not measured
 PATIENCE = 240.0
-"""s of wall time after which a number of stored observations counts as not measured."""
-
-WORKERS = 2
-"""Processes side by side, each with one thread; their CPU time is measured."""
-
-START_STORED = 100_000
-"""Observations in the database that a learner starts on."""
-
-START_BAR = 2.0
-"""s within which it is to be ready, issue 17."""
-
-COST_BAR = 1.5
-"""Largest CPU time at the largest number over that at the smallest, issue 17."""
-
-BATCH = 1000
-"""Observations that are stored at once."""
-
-SEARCHED = 20
-"""Observations that are learned from at once in the beginning."""
-
+WORKERS = 2  # processes side by side, each with one thread; their CPU time is measured
+START_STORED = 100_000  # observations in the database that a learner starts on
+START_BAR = 2.0  # s within which it is to be ready, issue 17
+COST_BAR = 1.5  # largest CPU time at the largest number over that at the smallest, issue 17
+BATCH = 1000  # observations that are stored at once
+SEARCHED = 20  # observations that are learned from at once in the beginning
+# Observations that are learned from on-line, one by one, before those that are measured; more
+# than are fitted jointly
 RECENT, QUICK_RECENT = 30, 4
-"""Observations that are learned from on-line, one by one, before those that are measured; more than
-are fitted jointly."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +56,8 @@ class StreamCost:
         return float(np.mean(self.cpu_seconds))
 
 
+# By the number of stored observations; None where it was not measured in time
 Costs = dict[int, StreamCost | None]
-"""By the number of stored observations; None where it was not measured in time."""
 
 
 def measure_cost(stored: int, recent: int, measured: int, seed: int, folder: Path) -> StreamCost:

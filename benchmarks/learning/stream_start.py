@@ -23,12 +23,8 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner.store import ObservationStore
 from intuitive_physics_learner.store.observation_rows import insert_entry
 
-POINTS = 45
-"""Points of the observation: 1.5 s at 30 frames a second."""
-
-PERIOD = 10.0
-"""s from one observation to the next."""
-
+POINTS = 45  # points of the observation: 1.5 s at 30 frames a second
+PERIOD = 10.0  # s from one observation to the next
 OPENING = """
 import json, resource, sys, time
 from intuitive_physics_learner.store import CurrentParameters, ObservationStore

@@ -12,14 +12,14 @@ the same errors of execution and the same noise of detections, and begin knowing
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.command import Outcome, report_progress
+from benchmarks.learning.paper_sets import side_by_side
 from benchmarks.results.result import Column, Table
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
@@ -49,59 +49,32 @@ from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.search.learning_task import LearningTask
 
-WORLDS, QUICK_WORLDS = 8, 1
-"""Random worlds."""
-
-WORKERS = 2
-"""Processes that compare side by side, each with one thread."""
-
-BAR = 0.6
-"""Largest number of suggested throws over that of random ones, issue 17."""
-
-SURFACES = ("floor", "wall")
-"""Materials of the floor and the wall."""
-
-BALLS = ("rubber", "wood")
-"""Materials of the balls."""
-
+WORLDS, QUICK_WORLDS = 8, 1  # random worlds
+BAR = 0.6  # largest number of suggested throws over that of random ones, issue 17
+SURFACES = ("floor", "wall")  # materials of the floor and the wall
+BALLS = ("rubber", "wood")  # materials of the balls
 KINDS = {
     "floor": ("dynamic_friction", "rolling_friction", "restitution"),
     "wall": ("dynamic_friction", "restitution"),
 }
 """Asked parameters of a ball with each surface; static friction matters to no thrown ball."""
 
+# Ranges of the true θ_s: as in the paper's sets, but for dynamic friction. On a rougher floor no
+# throw slides for longer than a few frames, so that no number of throws would be enough.
 TRUTH = {**TRUE_RANGES, "dynamic_friction": Bounds(0.1, 0.5)}
-"""Ranges of the true θ_s: as in the paper's sets, but for dynamic friction. On a rougher floor no
-throw slides for longer than a few frames, so that no number of throws would be enough."""
-
+# Steps of the joint fit after each throw: a horizon advances by 0.2 s in one, and four scan
 MOST_STEPS = 15
-"""Steps of the joint fit after each throw: a horizon advances by 0.2 s in one, and four scan."""
-
+# Largest standard deviation that is enough, in widths of the bounds of each parameter
 PRECISION = 0.03
-"""Largest standard deviation that is enough, in widths of the bounds of each parameter."""
-
-MOST_THROWS = 16
-"""Throws after which a run is given up, and counts as that number."""
-
-NOISE = 0.002
-"""m, standard deviation of a detection on each axis."""
-
+MOST_THROWS = 16  # throws after which a run is given up, and counts as that number
+NOISE = 0.002  # m, standard deviation of a detection on each axis
+# Standard deviations of observed initial states: m, rad, m/s, rad/s, three of each. The last is
+# the spin that a thrown ball has by accident and a camera does not see.
 STATE_DEVIATIONS = np.repeat([NOISE, 0.0, 0.05, 1.0], 3)
-"""Standard deviations of observed initial states: m, rad, m/s, rad/s, three of each. The last is
-the spin that a thrown ball has by accident and a camera does not see."""
-
-RATE = 30.0
-"""1/s, of the camera."""
-
-DURATION = 1.5
-"""s of a track at most."""
-
-VIEW = np.array([[-1.5, 1.5], [-1.5, 1.5], [-0.1, 2.0]])
-"""m, the space that the camera sees."""
-
-RADIUS = 0.04
-"""m, of the balls."""
-
+RATE = 30.0  # 1/s, of the camera
+DURATION = 1.5  # s of a track at most
+VIEW = np.array([[-1.5, 1.5], [-1.5, 1.5], [-0.1, 2.0]])  # m, the space that the camera sees
+RADIUS = 0.04  # m, of the balls
 RANGES = ThrowRanges(
     [[-1.0, 0.9], [-1.0, 1.0], [RADIUS, 1.0]], [[-2.0, 2.0], [-2.0, 2.0], [-1.0, 1.0]]
 )
@@ -251,9 +224,8 @@ def measure(quick: bool, first_seed: int) -> Outcome:
     """Compare in all worlds, several at a time."""
     worlds = QUICK_WORLDS if quick else WORLDS
     report_progress(f"suggested and random throws in {worlds} worlds")
-    with ProcessPoolExecutor(WORKERS, get_context("spawn")) as pool:
-        seeds = range(first_seed, first_seed + worlds)
-        comparisons = list(pool.map(compare_throws, seeds))
+    seeds = range(first_seed, first_seed + worlds)
+    comparisons = side_by_side([partial(compare_throws, seed) for seed in seeds])
     ratio = _ratio_of_means(comparisons)
     return Outcome(
         tables=[_table(comparisons)],

@@ -14,8 +14,8 @@ from benchmarks.scenes import DENSITY, Instance
 from intuitive_physics.scene import Plane
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 
+# Steps that a bounce lasts: with fewer, springs miss e by far; with more, balls sink in deep
 STEPS_IN_CONTACT = 6
-"""Steps that a bounce lasts: with fewer, springs miss e by far; with more, balls sink in deep."""
 
 
 class Mujoco(Engine):

@@ -15,11 +15,9 @@ from benchmarks.peers.engine import Engine, MissingPeerError, Prediction, Prepar
 from benchmarks.scenes import Instance
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 
-SOURCE = Path(__file__).parent / "ode_rollout.cpp"
-"""The program that simulates with ODE."""
-
+SOURCE = Path(__file__).parent / "ode_rollout.cpp"  # the program that simulates with ODE
+# The compiled program
 PROGRAM = Path(__file__).resolve().parents[2] / "build/benchmarks/ode_rollout"
-"""The compiled program."""
 
 
 class Ode(Engine):

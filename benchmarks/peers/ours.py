@@ -11,8 +11,7 @@ from benchmarks.scenes import Instance
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import Simulator, make_simulator, pack_worlds
 
-NAMES = ("event_driven", "stepped")
-"""Our engines, in the order in which `auto` prefers them."""
+NAMES = ("event_driven", "stepped")  # our engines, in the order in which `auto` prefers them
 
 
 class Ours(Engine):

@@ -21,17 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-RADIUS, MASS, AIR_DENSITY, GRAVITY = 0.020, 0.0027, 1.204, 9.81
-"""m, kg, kg/m³, m/s²."""
-
-FIRST_ROWS = 6
-"""Rows whose straight line starts the filter."""
-
-SHELL = 1.5
-"""1 / κ of a thin shell, by which friction changes the rim's speed more than the ball's."""
-
-STEPS = np.array([1e-4] * 3 + [1e-3] * 3 + [0.1] * 3)
-"""Changes of the state for the derivatives."""
+RADIUS, MASS, AIR_DENSITY, GRAVITY = 0.020, 0.0027, 1.204, 9.81  # m, kg, kg/m³, m/s²
+FIRST_ROWS = 6  # rows whose straight line starts the filter
+SHELL = 1.5  # 1 / κ of a thin shell, by which friction changes the rim's speed more than the ball's
+STEPS = np.array([1e-4] * 3 + [1e-3] * 3 + [0.1] * 3)  # changes of the state for the derivatives
 
 
 @dataclass(frozen=True)
@@ -53,11 +46,8 @@ class FilterParameters:
     spin_deviation: float = 65.8  # rad/s about every axis, before the first detection
 
 
-NOT_FITTED = ("height", "slope")
-"""Parameters that `fit_filter` leaves; all others are above zero."""
-
-GATE = 30.0
-"""Squared Mahalanobis distance above which a detection is left out."""
+NOT_FITTED = ("height", "slope")  # parameters that `fit_filter` leaves; all others are above zero
+GATE = 30.0  # squared Mahalanobis distance above which a detection is left out
 
 
 class TableTennisFilter:

@@ -12,11 +12,9 @@ from pathlib import Path
 
 from benchmarks.results.result import Machine, Run
 
-REPOSITORY = Path(__file__).resolve().parents[2]
-"""Whose commit is recorded."""
-
+REPOSITORY = Path(__file__).resolve().parents[2]  # whose commit is recorded
+# Python libraries whose versions are recorded where they are installed
 LIBRARIES = ("numpy", "scipy", "numba", "pybullet", "mujoco", "open3d", "pyransac3d", "dask")
-"""Python libraries whose versions are recorded where they are installed."""
 
 
 def started_run(name: str, arguments: Sequence[str]) -> Run:

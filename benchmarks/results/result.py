@@ -9,15 +9,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-FOLDER = Path(__file__).resolve().parent
-"""Where the benchmarks write their results."""
-
-FORMAT_VERSION = 1
-"""Version of the JSON files' format."""
-
-Cell = str | int | float | None
-"""A number, a text, or None where nothing was measured."""
-
+FOLDER = Path(__file__).resolve().parent  # where the benchmarks write their results
+FORMAT_VERSION = 1  # version of the JSON files' format
+Cell = str | int | float | None  # A number, a text, or None where nothing was measured
 Item = TypeVar("Item")
 
 

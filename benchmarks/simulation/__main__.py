@@ -35,8 +35,7 @@ from benchmarks.simulation.scaling import scale_batches, scale_objects
 from benchmarks.simulation.start_up import start_up
 from benchmarks.timing import Measured, measure
 
-SEED = 3
-"""Of all that is random."""
+SEED = 3  # of all that is random
 
 
 @dataclass(frozen=True)
@@ -52,11 +51,8 @@ class Effort:
     loads: int  # processes that load the kernels
 
 
-FULL = Effort(8, 5, 3, 3, 8, drops=100, loads=5)
-"""For results that are kept."""
-
-QUICK = Effort(2, 1, 1, 1, 2, drops=20, loads=1)
-"""For a first look."""
+FULL = Effort(8, 5, 3, 3, 8, drops=100, loads=5)  # for results that are kept
+QUICK = Effort(2, 1, 1, 1, 2, drops=20, loads=1)  # for a first look
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -10,17 +10,10 @@ from numpy.typing import NDArray
 from benchmarks.peers.engine import Engine
 from benchmarks.scenes import TIME_STEP, Instance, dropped, pushed
 
-PEAKS = 2
-"""Bounces of a drop whose heights are compared."""
-
-DROP_STEPS = 300
-"""Steps of a drop; the slowest drop's second peak is at 2.3 s."""
-
-PUSH_STEPS = 150
-"""Steps of a push; sliding ends after 0.22 s."""
-
-PUSH_SPEED, PUSH_FRICTION = 3.0, 0.4
-"""m/s and μ of a push."""
+PEAKS = 2  # bounces of a drop whose heights are compared
+DROP_STEPS = 300  # steps of a drop; the slowest drop's second peak is at 2.3 s
+PUSH_STEPS = 150  # steps of a push; sliding ends after 0.22 s
+PUSH_SPEED, PUSH_FRICTION = 3.0, 0.4  # m/s and μ of a push
 
 
 @dataclass(frozen=True)

@@ -13,18 +13,13 @@ from benchmarks.peers.ours import Ours
 from benchmarks.scenes import DENSITY, STEPS, TIME_STEP, Instance, Surface, rolling_radius, thrown
 from benchmarks.timing import Measured, own_engine
 
-EARLY = 0.5
-"""s after which trajectories have not yet parted by chance."""
-
+EARLY = 0.5  # s after which trajectories have not yet parted by chance
+# Largest energy over that at the start; stepping engines push apart what has penetrated, which
+# costs 1 % at 10 ms
 MOST_ENERGY = 1.02
-"""Largest energy over that at the start; stepping engines push apart what has penetrated, which
-costs 1 % at 10 ms."""
-
-WITNESS_STEPS = (1e-2, 1e-3, 1e-4)
-"""s, steps of ODE with which it is compared with `event_driven`."""
-
+WITNESS_STEPS = (1e-2, 1e-3, 1e-4)  # s, steps of ODE with which it is compared with `event_driven`
+# m, largest distance of both at the last of these; the rest is of the order of ODE's step
 MOST_APART = 0.005
-"""m, largest distance of both at the last of these; the rest is of the order of ODE's step."""
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from benchmarks.simulation.scaling import BATCHES, Scaled
 from benchmarks.simulation.start_up import StartUp
 from benchmarks.timing import Measured, own_engine, ratio, typical_seconds
 
-REFERENCE = "ODE"
-"""Engine that the others are compared with: the paper's."""
+REFERENCE = "ODE"  # engine that the others are compared with: the paper's
 
 
 def _ratios(scenes: Mapping[str, Sequence[Measured]], reference: str) -> dict[str, float]:

@@ -13,17 +13,11 @@ from benchmarks.peers.ours import NAMES, Ours
 from benchmarks.scenes import SCENES, SIMULATIONS, STEPS, thrown
 from benchmarks.timing import measure, typical_seconds
 
-BATCHES = (20, 200, 2000)
-"""Numbers of simulations."""
-
-THREADS = (1, 2)
-"""Numbers of threads, with which the largest batch is simulated."""
-
-OBJECTS = (1, 2, 5, 10, 20)
-"""Numbers of objects."""
-
+BATCHES = (20, 200, 2000)  # numbers of simulations
+THREADS = (1, 2)  # numbers of threads, with which the largest batch is simulated
+OBJECTS = (1, 2, 5, 10, 20)  # numbers of objects
+# Kinds of objects that take turns, by the name of the series
 OBJECT_KINDS = {"spheres": ("sphere",), "mixed": ("sphere", "box", "capsule")}
-"""Kinds of objects that take turns, by the name of the series."""
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,9 @@ from intuitive_physics_learner import TrajectoryCost
 from intuitive_physics_learner.cost.cluster import CostMaker
 from intuitive_physics_learner.cost.cost_function import Cost
 
-WORKERS = 2
-"""Processes of the cluster, and threads that they are compared with."""
-
-CANDIDATES = 20
-"""Random θ_s that are evaluated at once."""
-
-ROUNDS = 3
-"""Rounds, of which the quickest counts."""
+WORKERS = 2  # processes of the cluster, and threads that they are compared with
+CANDIDATES = 20  # random θ_s that are evaluated at once
+ROUNDS = 3  # rounds, of which the quickest counts
 
 
 def compare_paces(task: Task) -> Table:

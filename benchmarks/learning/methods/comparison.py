@@ -23,11 +23,9 @@ from benchmarks.learning.paper_sets import SIZES, TOLERANCE, make_task
 from benchmarks.results.result import Cell, Column, Table
 from intuitive_physics_learner import FURTHER_RULES, UPDATE_RULES
 
+# s within which the test split's J is to be within 5 % of the oracle's, on two quiet cores
 BARS = {"1x50": 2.0, "10x50": 30.0, "20x50": 120.0}
-"""s within which the test split's J is to be within 5 % of the oracle's, on two quiet cores."""
-
-RULE_SEEDS = (2, 1, 1)
-"""Runs of each update rule on the set of each size."""
+RULE_SEEDS = (2, 1, 1)  # runs of each update rule on the set of each size
 
 
 @dataclass(frozen=True)
@@ -41,14 +39,10 @@ class Effort:
     loop_seconds: float  # that a loop beside the learner is watched for
 
 
+# For results that are kept
 FULL = Effort((4.0, 20.0, 60.0), (500, 150, 60), (0, 200, 100), 10.0, 5.0)
-"""For results that are kept."""
-
-QUICK = Effort((3.0, 10.0, 20.0), (150, 50, 25), (0, 50, 0), 5.0, 2.0)
-"""For a first look."""
-
-KINDS_OF_CMA_ES = ("cma_es", *FURTHER_RULES)
-"""Rules that are compared over many more iterations."""
+QUICK = Effort((3.0, 10.0, 20.0), (150, 50, 25), (0, 50, 0), 5.0, 2.0)  # for a first look
+KINDS_OF_CMA_ES = ("cma_es", *FURTHER_RULES)  # rules that are compared over many more iterations
 
 
 def measure(quick: bool, first_seed: int) -> Outcome:

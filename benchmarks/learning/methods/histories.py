@@ -79,8 +79,6 @@ def seconds_to_tolerance(run: JointRun, oracle: float) -> float:
     return float(run.seconds[first]) if first < run.seconds.size else np.inf
 
 
-Joint = dict[str, tuple[Task, JointRun]]
-"""A task and its run of joint estimation, by set."""
-
+Joint = dict[str, tuple[Task, JointRun]]  # A task and its run of joint estimation, by set
+# J in m over the training split after each iteration, by set and rule
 Histories = dict[str, dict[str, NDArray[np.float64]]]
-"""J in m over the training split after each iteration, by set and rule."""

@@ -16,11 +16,8 @@ from intuitive_physics_learner.online.background_learning import BackgroundLearn
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.worker import LEARNING
 
-COPIES = 1000
-"""Copies of each observation, so that there is more to learn from than time."""
-
-PATIENCE = 60.0
-"""s within which the learner has to be at work."""
+COPIES = 1000  # copies of each observation, so that there is more to learn from than time
+PATIENCE = 60.0  # s within which the learner has to be at work
 
 
 def compare_lateness(task: Task, seconds: float) -> Table:

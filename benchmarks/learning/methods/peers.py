@@ -22,11 +22,8 @@ from intuitive_physics_learner import (
     make_update_rule,
 )
 
-RULE = "bounded_adaptive_random"
-"""The rule of the paper that gains most from few evaluations of J."""
-
-TIME_STEP, CONTACT_TIME = 0.01, 0.06
-"""s, of the other engines' steps, and of a bounce in MuJoCo."""
+RULE = "bounded_adaptive_random"  # the rule of the paper that gains most from few evaluations of J
+TIME_STEP, CONTACT_TIME = 0.01, 0.06  # s, of the other engines' steps, and of a bounce in MuJoCo
 
 
 class OneFriction(Simulator):

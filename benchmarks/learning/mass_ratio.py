@@ -172,4 +172,5 @@ def measure(quick: bool, first_seed: int) -> Outcome:
         ],
         note=f"Quantiles of {DRAWS} draws. The key figure is the mean of the ends over the sets.",
     )
-    return Outcome([table], {"mass_ratio_90": [round(low, 3), round(high, 3)]}, "", complaints)
+    figures = {"mass_ratio_90": [round(low, 3), round(high, 3)]}
+    return Outcome([table], figures, complaints=complaints)

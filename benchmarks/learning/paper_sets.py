@@ -60,7 +60,7 @@ class Size:
 
 SIZES = {
     "1x50": Size(1, 4.0, 0.05, 0.15, 10, 2),
-    "10x50": Size(10, 30.0, 0.10, None, 3, 1),
+    "10x50": Size(10, 30.0, 0.10, None, 3, 0),
     "20x50": Size(20, 120.0, 0.15, None, 2, 0),
 }
 """By name: objects by samples. Bars and times are those of issue 17."""

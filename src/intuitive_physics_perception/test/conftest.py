@@ -284,9 +284,7 @@ def bounce() -> Callable[..., NDArray[np.float64]]:
 
 
 @pytest.fixture(scope="module")
-def corner_model(
-    modelled_corner,
-) -> tuple[Room, EnvironmentModel]:
+def corner_model(modelled_corner) -> tuple[Room, EnvironmentModel]:
     """A room and the environment modelled from eight noisy frames of it.
 
     Each module has noise of its own, whatever ran before it in the same process.

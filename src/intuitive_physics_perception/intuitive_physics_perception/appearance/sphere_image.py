@@ -120,10 +120,7 @@ def sphere_image(
 
 
 def _image(
-    grid: NDArray[np.float64],
-    noise: float,
-    axes: NDArray[np.float64],
-    sphere: DetectedSphere,
+    grid: NDArray[np.float64], noise: float, axes: NDArray[np.float64], sphere: DetectedSphere
 ) -> SphereImage | None:
     """The image of which a grid (g, g) has the brightness, with its noise of a pixel in levels."""
     rows, columns = np.nonzero(~np.isnan(grid))

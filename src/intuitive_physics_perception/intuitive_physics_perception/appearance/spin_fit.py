@@ -81,11 +81,7 @@ class ImageSeries:
     `times` (k,) s.
     """
 
-    def __init__(
-        self,
-        times: Sequence[float],
-        images: Sequence[SphereImage],
-    ) -> None:
+    def __init__(self, times: Sequence[float], images: Sequence[SphereImage]) -> None:
         self.times = np.array(times)
         self._axes = np.stack([image.axes for image in images])
         self._values = np.stack([image.values for image in images])

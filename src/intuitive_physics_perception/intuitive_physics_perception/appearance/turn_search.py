@@ -93,9 +93,7 @@ class TurnSearch:
 
 
 @lru_cache(maxsize=4)
-def turn_tables(
-    step: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]:
+def turn_tables(step: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]:
     """Return rotations, spins, and where in the rotations they lead.
 
     `step` in rad between neighbouring rotations. Returns `rotations` (m, 3, 3), as good as all

@@ -208,9 +208,7 @@ class BoxFaces:
 
 
 def find_faces(
-    points: NDArray[np.float64],
-    deviations: NDArray[np.float64],
-    rng: np.random.Generator,
+    points: NDArray[np.float64], deviations: NDArray[np.float64], rng: np.random.Generator
 ) -> BoxFaces | None:
     """Return the faces that the points lie on, None where there are not two at a right angle.
 
@@ -222,9 +220,7 @@ def find_faces(
 
 
 def _face_normals(
-    points: NDArray[np.float64],
-    deviations: NDArray[np.float64],
-    rng: np.random.Generator,
+    points: NDArray[np.float64], deviations: NDArray[np.float64], rng: np.random.Generator
 ) -> list[NDArray[np.float64]]:
     """Normals of up to three faces at about right angles, the one with most points first."""
     normals: list[NDArray[np.float64]] = []
@@ -293,9 +289,7 @@ def _least_squares_plane(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _scaled(
-    points: NDArray[np.float64],
-    deviations: NDArray[np.float64],
-    planes: NDArray[np.float64],
+    points: NDArray[np.float64], deviations: NDArray[np.float64], planes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Distances from planes (..., 4), (..., n), in standard deviations; noise acts along rays."""
     along = planes[..., :3] @ points.T

@@ -52,9 +52,7 @@ SMALLEST_RADIUS = 1e-3
 
 
 def fit_capsule(
-    points: NDArray[np.float64],
-    deviations: NDArray[np.float64],
-    lateral: float,
+    points: NDArray[np.float64], deviations: NDArray[np.float64], lateral: float
 ) -> DetectedSolid | None:
     """Return the capsule on whose surface the points lie, None where they lie on none.
 
@@ -134,9 +132,7 @@ def _first_guess(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _is_capsule(
-    points: NDArray[np.float64],
-    parameters: NDArray[np.float64],
-    errors: NDArray[np.float64],
+    points: NDArray[np.float64], parameters: NDArray[np.float64], errors: NDArray[np.float64]
 ) -> bool:
     """Whether points lie on it, on both caps, and round enough of it to determine its radius."""
     center, half, radius = parameters[:3], parameters[3:6], float(parameters[6])

@@ -45,10 +45,7 @@ class SolidFinder:
     """
 
     def __init__(
-        self,
-        model: EnvironmentModel,
-        settings: PerceptionSettings,
-        rng: np.random.Generator,
+        self, model: EnvironmentModel, settings: PerceptionSettings, rng: np.random.Generator
     ) -> None:
         self._model = model
         self._settings = settings
@@ -175,7 +172,7 @@ def all_objects(
         for part, solid in zip(unexplained, by_cluster, strict=True)
         if solid is not None
     ]
-    replaced = {id(objects.cluster) for objects in whole}
+    replaced = {id(item.cluster) for item in whole}
     clusters = {
         id(sphere): part.cluster
         for part in spheres_by_cluster

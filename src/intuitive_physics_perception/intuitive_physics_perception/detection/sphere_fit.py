@@ -67,14 +67,7 @@ class SphereSolution(NamedTuple):
 
 @inlined
 def surface_error(
-    x: float,
-    y: float,
-    z: float,
-    cx: float,
-    cy: float,
-    cz: float,
-    r: float,
-    noise: Any,
+    x: float, y: float, z: float, cx: float, cy: float, cz: float, r: float, noise: Any
 ) -> tuple[float, float, float, float, float]:
     """Place of a reading relative to a sphere.
 

@@ -91,9 +91,7 @@ class SeenAround:
 
 
 def with_edges(
-    planes: Sequence[DetectedPlane],
-    cloud: RangeCloud,
-    rng: np.random.Generator,
+    planes: Sequence[DetectedPlane], cloud: RangeCloud, rng: np.random.Generator
 ) -> list[DetectedPlane]:
     """Return planes with the boundaries that the cloud shows of them."""
     angle = angle_between_readings(cloud, rng)
@@ -103,10 +101,7 @@ def with_edges(
 
 
 def plane_boundary(
-    cloud: RangeCloud,
-    plane: DetectedPlane,
-    planes: Sequence[DetectedPlane],
-    angle: float,
+    cloud: RangeCloud, plane: DetectedPlane, planes: Sequence[DetectedPlane], angle: float
 ) -> NDArray[np.float64] | None:
     """Return the convex polygon that bounds a plane, None where no edge of it was seen.
 
@@ -210,9 +205,7 @@ def _height(
 
 
 def _seen_edge(
-    around: SeenAround,
-    start: NDArray[np.float64],
-    end: NDArray[np.float64],
+    around: SeenAround, start: NDArray[np.float64], end: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float] | None:
     """Return the edge along one side of the hull, outward · p = bound, if it was seen."""
     along = end - start

@@ -179,10 +179,7 @@ def detect_planes(
 
 
 def _best_plane(
-    cloud: RangeCloud,
-    free: NDArray[np.intp],
-    needed: int,
-    rng: np.random.Generator,
+    cloud: RangeCloud, free: NDArray[np.intp], needed: int, rng: np.random.Generator
 ) -> NDArray[np.float64] | None:
     """Best plane (normal, offset) through the free points, None if it holds too few of them."""
     if free.size < needed:
@@ -261,11 +258,7 @@ def _least_squares(cloud: RangeCloud, inliers: NDArray[np.intp]) -> NDArray[np.f
     return _facing_sensor(np.append(normal, normal @ centre))
 
 
-def _bulges(
-    cloud: RangeCloud,
-    plane: NDArray[np.float64],
-    max_radius: float,
-) -> bool:
+def _bulges(cloud: RangeCloud, plane: NDArray[np.float64], max_radius: float) -> bool:
     """Whether the plane only cuts off a cap of something round.
 
     Where noise is large the tolerance takes in much of the near side of a ball.
@@ -285,9 +278,7 @@ def _bulges(
 
 
 def _merge(
-    cloud: RangeCloud,
-    planes: list[NDArray[np.float64]],
-    fixed: int,
+    cloud: RangeCloud, planes: list[NDArray[np.float64]], fixed: int
 ) -> list[NDArray[np.float64]]:
     """Join planes that are one: nearly parallel, and the points of one are near the other.
 
@@ -311,9 +302,7 @@ def _merge(
 
 
 def _apart(
-    cloud: RangeCloud,
-    planes: list[NDArray[np.float64]],
-    fixed: int,
+    cloud: RangeCloud, planes: list[NDArray[np.float64]], fixed: int
 ) -> list[NDArray[np.float64]]:
     """Refine planes without the readings that lie near another one that crosses them.
 
@@ -336,10 +325,7 @@ def _apart(
 
 
 def _detected(
-    cloud: RangeCloud,
-    plane: NDArray[np.float64],
-    surface: NDArray[np.intp],
-    smallest: float,
+    cloud: RangeCloud, plane: NDArray[np.float64], surface: NDArray[np.intp], smallest: float
 ) -> DetectedPlane | None:
     """The plane of a surface, None if it is no plane of a room.
 

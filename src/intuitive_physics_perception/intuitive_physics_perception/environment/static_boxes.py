@@ -134,10 +134,7 @@ def _without_objects(
 
 
 def _box_around(
-    name: str,
-    model: EnvironmentModel,
-    points: NDArray[np.float32],
-    settings: PerceptionSettings,
+    name: str, model: EnvironmentModel, points: NDArray[np.float32], settings: PerceptionSettings
 ) -> StaticBox | None:
     """Return the smallest upright box around a cluster, down to what it stands on.
 
@@ -164,10 +161,7 @@ def _box_around(
 
 
 def _thickened(
-    center: NDArray[np.float64],
-    edges: NDArray[np.float64],
-    turn: float,
-    model: EnvironmentModel,
+    center: NDArray[np.float64], edges: NDArray[np.float64], turn: float, model: EnvironmentModel
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Centre and edges (3,) of a box that is at least `MIN_THICKNESS` thick: what is seen of a
     thinner one is a face, and it goes on behind that."""

@@ -69,13 +69,7 @@ def check_size(width: int, height: int, camera_width: int, camera_height: int) -
 
 
 def depth_from_image_data(
-    data: RawData,
-    *,
-    width: int,
-    height: int,
-    encoding: str,
-    step: int,
-    is_bigendian: bool,
+    data: RawData, *, width: int, height: int, encoding: str, step: int, is_bigendian: bool
 ) -> NDArray[Any]:
     """Return a (height, width) view of the raw data of a depth Image message.
 

@@ -316,8 +316,8 @@ class PerceptionNode(ManagedNode):
             )
         )
         if self._detections is not None:
-            place = Header(stamp=header.stamp, frame_id=name)
-            self._detections.publish(detections_to_message(objects, states, place))
+            message_header = Header(stamp=header.stamp, frame_id=name)
+            self._detections.publish(detections_to_message(objects, states, message_header))
 
     def _publish_observations(self, observations: tuple[Observation, ...]) -> None:
         for observation in observations:
@@ -337,7 +337,7 @@ class PerceptionNode(ManagedNode):
         model = result.model
         if model is None:
             return
-        place = Header(stamp=header.stamp, frame_id=model.environment.frame_id)
+        message_header = Header(stamp=header.stamp, frame_id=model.environment.frame_id)
         objects = [item.object for item in result.objects]
         states = [item.state for item in result.objects]
         colors = [item.color for item in result.objects]
@@ -346,8 +346,8 @@ class PerceptionNode(ManagedNode):
                 markers=[
                     clearing_marker(),
                     *environment_markers(model.seen_environment(), header.stamp),
-                    *object_markers(objects, states, place, colors=colors),
-                    *name_markers(objects, states, place, -model.environment.gravity),
+                    *object_markers(objects, states, message_header, colors=colors),
+                    *name_markers(objects, states, message_header, -model.environment.gravity),
                     gravity_marker(model.environment, header.stamp),
                 ]
             )

@@ -33,10 +33,7 @@ class TaggedObject:
 
 
 def described_objects(
-    names: Sequence[str],
-    shapes: Sequence[str],
-    materials: Sequence[str],
-    offsets: Sequence[str],
+    names: Sequence[str], shapes: Sequence[str], materials: Sequence[str], offsets: Sequence[str]
 ) -> tuple[TaggedObject, ...]:
     """Return the objects that lists describe, which have one entry for each object.
 

@@ -52,11 +52,7 @@ class PoseTracker:
     become observations, as objects are that a camera sees. A sphere's orientation is not used.
     """
 
-    def __init__(
-        self,
-        environment: Environment,
-        objects: Sequence[TaggedObject],
-    ) -> None:
+    def __init__(self, environment: Environment, objects: Sequence[TaggedObject]) -> None:
         if not objects:
             raise InvalidInputError("no objects are followed by their poses; expected at least one")
         self._environment = environment

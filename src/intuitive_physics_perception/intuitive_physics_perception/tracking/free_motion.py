@@ -173,11 +173,7 @@ class FreeMotion:
     environment : it moved in
     """
 
-    def __init__(
-        self,
-        record: Record,
-        environment: Environment,
-    ) -> None:
+    def __init__(self, record: Record, environment: Environment) -> None:
         self._record = record
         self._environment = environment
         self._noise = record.covariances * noise_factor(

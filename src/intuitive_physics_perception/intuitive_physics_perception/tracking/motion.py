@@ -135,9 +135,7 @@ def predicted(
 
 
 def carrying(
-    mean: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    environment: Environment,
+    mean: NDArray[np.float64], covariance: NDArray[np.float64], environment: Environment
 ) -> list[Plane]:
     """Return the surfaces that carry a ball as far as its place is known.
 

@@ -40,9 +40,7 @@ MEDIAN_OF_CHI2_3 = 2.366
 
 
 def noise_factor(
-    times: NDArray[np.float64],
-    places: NDArray[np.float64],
-    noise: NDArray[np.float64],
+    times: NDArray[np.float64], places: NDArray[np.float64], noise: NDArray[np.float64]
 ) -> float:
     """Return the factor, at least 1, by which errors have larger variances than their covariances.
 
@@ -238,9 +236,7 @@ def release_point(
 
 
 def _swung(
-    mean: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    duration: float,
+    mean: NDArray[np.float64], covariance: NDArray[np.float64], duration: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Position, velocity and acceleration (9,), with covariance, in a hand some s later."""
     kept = float(np.exp(-duration / HAND_TIME))

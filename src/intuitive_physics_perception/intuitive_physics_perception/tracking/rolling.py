@@ -29,9 +29,7 @@ LONGER = 1.3
 """Factor from one time that is tried to the next longer one: noise falls by half."""
 
 
-def unknown_angular_velocity(
-    deviation: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def unknown_angular_velocity(deviation: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return mean (3,) rad/s and covariance (3, 3) of an unknown angular velocity."""
     return np.zeros(3), deviation**2 * np.eye(3)
 

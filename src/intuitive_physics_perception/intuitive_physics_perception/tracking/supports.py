@@ -115,11 +115,7 @@ def surfaces_of(environment: Environment) -> Surfaces:
     return Surfaces(environment)
 
 
-def time_on(
-    support: Plane,
-    state: NDArray[np.float64],
-    acceleration: NDArray[np.float64],
-) -> float:
+def time_on(support: Plane, state: NDArray[np.float64], acceleration: NDArray[np.float64]) -> float:
     """Return the time in s until a ball's centre is beyond the edge of what carries it, else inf.
 
     `state` (7,) position (m), velocity (m/s) and radius (m); `acceleration` (3,) m/s².

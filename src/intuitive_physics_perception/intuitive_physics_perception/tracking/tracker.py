@@ -312,10 +312,7 @@ def cheapest_pairs(costs: NDArray[np.float64]) -> list[tuple[int, int]]:
     return [(int(r), int(c)) for r, c in zip(rows, columns, strict=True) if possible[r, c]]
 
 
-def color_cost(
-    first: NDArray[np.float64] | None,
-    second: NDArray[np.float64] | None,
-) -> float:
+def color_cost(first: NDArray[np.float64] | None, second: NDArray[np.float64] | None) -> float:
     """Return the squared distance of two colours in variances, at most `MAX_COLOR_COST`.
 
     0 where one is unknown: then position alone decides.

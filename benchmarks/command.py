@@ -138,16 +138,16 @@ def measure_parts(measures: Mapping[str, Callable[[], Outcome]]) -> Outcome:
     for name, measure in measures.items():
         report_progress(f"part {name}")
         try:
-            found = measure()
+            part = measure()
         except (MissingPeerError, IntuitivePhysicsError) as error:
-            found = Outcome(complaints=[f"{name}: {error}"], valid=False)
+            part = Outcome(complaints=[f"{name}: {error}"], valid=False)
         outcome = Outcome(
-            tables=[*outcome.tables, *found.tables],
-            key_figures={**outcome.key_figures, **found.key_figures},
-            note=" ".join(filter(None, (outcome.note, found.note))),
-            complaints=[*outcome.complaints, *found.complaints],
-            valid=outcome.valid and found.valid,
-            draw=outcome.draw or found.draw,
+            tables=[*outcome.tables, *part.tables],
+            key_figures={**outcome.key_figures, **part.key_figures},
+            note=" ".join(filter(None, (outcome.note, part.note))),
+            complaints=[*outcome.complaints, *part.complaints],
+            valid=outcome.valid and part.valid,
+            draw=outcome.draw or part.draw,
         )
     return outcome
 

@@ -25,7 +25,7 @@ from benchmarks.learning.scores import (
     identified_of_active,
     share_within,
 )
-from benchmarks.results.result import Cell, Column, Table
+from benchmarks.results.result import Column, Table
 from intuitive_physics.materials import PAIR_COEFFICIENTS, StaticParameters
 from intuitive_physics.observation import Observation
 from intuitive_physics.parameter_space import Bounds, ParameterSpace
@@ -187,33 +187,28 @@ def _set_table(sets: Sequence[CameraSet]) -> Table:
 
 
 def _error_table(sets: Sequence[CameraSet]) -> Table:
-    rows: list[list[Cell]] = []
-    for name in PAIR_COEFFICIENTS:
-        errors = [each.error(name) for each in sets]
-        defaults = [each.default_error(name) for each in sets]
-        bar = RESTITUTION_BAR if name == "restitution" else None
-        rows.append(
-            [
-                name.replace("_", " "),
-                float(np.median(errors)),
-                float(np.max(errors)),
-                float(np.median(defaults)),
-                bar,
-            ]
-        )
     coverages = [each.coverage for each in sets]
     share = share_within(coverages)
     shown = "none" if share is None else f"{share:.1%}"
-    return Table(
-        title=f"Errors against the room over these {len(sets)} sets",
-        columns=[
-            Column("coefficient"),
-            Column("median error", "", ".4f"),
-            Column("worst", "", ".4f"),
-            Column("defaults' median error", "", ".4f"),
-            Column("bar of the median", "", "g"),
+    return Table.of(
+        f"Errors against the room over these {len(sets)} sets",
+        PAIR_COEFFICIENTS,
+        [
+            (Column("coefficient"), lambda name: name.replace("_", " ")),
+            (
+                Column("median error", "", ".4f"),
+                lambda name: float(np.median([each.error(name) for each in sets])),
+            ),
+            (Column("worst", "", ".4f"), lambda name: max(each.error(name) for each in sets)),
+            (
+                Column("defaults' median error", "", ".4f"),
+                lambda name: float(np.median([each.default_error(name) for each in sets])),
+            ),
+            (
+                Column("bar of the median", "", "g"),
+                lambda name: RESTITUTION_BAR if name == "restitution" else None,
+            ),
         ],
-        rows=rows,
         remarks=[
             f"within 2 σ: {shown} of the identified parameters "
             f"({identified_of_active(coverages)} active)",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.command import Outcome, report_progress
 from benchmarks.learning.paper_sets import (
@@ -27,7 +28,7 @@ from benchmarks.learning.scores import (
     identified_of_active,
     share_within,
 )
-from benchmarks.results.result import Cell, Column, Table
+from benchmarks.results.result import Column, Table
 from intuitive_physics_learner import active_parameters
 
 
@@ -201,34 +202,28 @@ def _summary(results: Sequence[SetResult]) -> Table:
 
 
 def _coverage_table(results: Sequence[SetResult]) -> Table:
-    rows: list[list[Cell]] = []
-    for name, group in _by_size(results).items():
-        coverages = [result.coverage for result in group]
-        scores = np.abs(np.concatenate([each.scores for each in coverages]))
-        errors = np.concatenate([each.errors for each in coverages])
-        rows.append(
-            [
-                name,
-                len(group),
-                sum(each.active for each in coverages),
-                scores.size,
-                float(np.mean(errors)) if scores.size else None,
-                float(np.mean(scores <= 1.0)) if scores.size else None,
-                share_within(coverages),
-            ]
-        )
-    return Table(
-        title="Recovered parameters: of those that are identified",
-        columns=[
-            Column("set"),
-            Column("sets"),
-            Column("active"),
-            Column("identified"),
-            Column("mean error", "", ".4f"),
-            Column("within 1 σ", "", ".0%"),
-            Column("within 2 σ", "", ".0%"),
+    def mean(values: list[NDArray[Any]]) -> float | None:
+        joined = np.concatenate(values)
+        return float(np.mean(joined)) if joined.size else None
+
+    coverages = {
+        name: [result.coverage for result in group] for name, group in _by_size(results).items()
+    }
+    return Table.of(
+        "Recovered parameters: of those that are identified",
+        coverages.items(),
+        [
+            (Column("set"), lambda row: row[0]),
+            (Column("sets"), lambda row: len(row[1])),
+            (Column("active"), lambda row: sum(c.active for c in row[1])),
+            (Column("identified"), lambda row: sum(c.identified for c in row[1])),
+            (Column("mean error", "", ".4f"), lambda row: mean([c.errors for c in row[1]])),
+            (
+                Column("within 1 σ", "", ".0%"),
+                lambda row: mean([np.abs(c.scores) <= 1.0 for c in row[1]]),
+            ),
+            (Column("within 2 σ", "", ".0%"), lambda row: share_within(row[1])),
         ],
-        rows=rows,
         note=(
             "Errors on the search's scale in widths of the bounds, logarithmic for densities and "
             "rolling friction. Honest deviations have 68 % within 1 σ and 95 % within 2 σ. The "

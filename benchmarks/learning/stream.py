@@ -7,7 +7,7 @@ import multiprocessing
 import resource
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
@@ -20,7 +20,7 @@ from benchmarks.command import Outcome, report_progress
 from benchmarks.learning.online import learn_what_is_stored
 from benchmarks.learning.paper_sets import ball_throws, learn_by_default
 from benchmarks.learning.stream_start import Start, measure_start
-from benchmarks.results.result import Cell, Column, Table
+from benchmarks.results.result import Column, Table
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner import ObservationStore
 from intuitive_physics_learner.online.options import OnlineOptions
@@ -155,36 +155,27 @@ def growth(costs: Costs) -> float | None:
 
 def _cost_table(costs: Costs) -> Table:
     smallest = costs[min(costs)]
-    rows: list[list[Cell]] = []
-    for stored, cost in costs.items():
-        if cost is None:
-            rows.append([stored, None, None, None, None, COST_BAR, None, None])
-            continue
-        rows.append(
-            [
-                stored,
-                len(cost.cpu_seconds),
-                cost.mean,
-                max(cost.cpu_seconds),
-                None if smallest is None else cost.mean / smallest.mean,
-                COST_BAR,
-                cost.recent_seconds,
-                cost.rss_megabytes,
-            ]
-        )
-    return Table(
-        title="A stream: what a new observation costs on-line",
-        columns=[
-            Column("stored"),
-            Column("measured"),
-            Column("CPU time of each, mean", "s", ".3f"),
-            Column("worst", "s", ".3f"),
-            Column(f"mean over that at {min(costs)}", "", ".2f"),
-            Column("bar of that at the largest", "", "g"),
-            Column("those before, mean", "s", ".3f"),
-            Column("largest resident memory", "MB", ".0f"),
+
+    def measured(cell: Callable[[StreamCost], float | None]) -> Callable[[int], float | None]:
+        """Return a function of the number of stored observations; None where not measured."""
+        return lambda stored: None if (cost := costs[stored]) is None else cell(cost)
+
+    return Table.of(
+        "A stream: what a new observation costs on-line",
+        costs,
+        [
+            (Column("stored"), lambda stored: stored),
+            (Column("measured"), measured(lambda c: len(c.cpu_seconds))),
+            (Column("CPU time of each, mean", "s", ".3f"), measured(lambda c: c.mean)),
+            (Column("worst", "s", ".3f"), measured(lambda c: max(c.cpu_seconds))),
+            (
+                Column(f"mean over that at {min(costs)}", "", ".2f"),
+                measured(lambda c: None if smallest is None else c.mean / smallest.mean),
+            ),
+            (Column("bar of that at the largest", "", "g"), lambda stored: COST_BAR),
+            (Column("those before, mean", "s", ".3f"), measured(lambda c: c.recent_seconds)),
+            (Column("largest resident memory", "MB", ".0f"), measured(lambda c: c.rss_megabytes)),
         ],
-        rows=rows,
         note=(
             f"Throws of a ball, each number in a process of its own with one thread; – where it "
             f"took more than {PATIENCE:g} s. The defaults cost nothing and learn nothing."

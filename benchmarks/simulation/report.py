@@ -112,10 +112,10 @@ def batches_table(scaled: Sequence[Scaled]) -> Table:
     rows: list[list[Cell]] = []
     for scene in SCENES:
         for engine in NAMES:
-            own = [s for s in scaled if (s.scene, s.engine) == (scene, engine)]
-            if own:
-                single = {s.simulations: s for s in own if s.threads == 1}
-                many = {s.threads: s for s in own if s.simulations == BATCHES[-1]}
+            sizes = [s for s in scaled if (s.scene, s.engine) == (scene, engine)]
+            if sizes:
+                single = {s.simulations: s for s in sizes if s.threads == 1}
+                many = {s.threads: s for s in sizes if s.simulations == BATCHES[-1]}
                 cells = [1e3 * single[n].seconds for n in BATCHES]
                 body = " / ".join(f"{single[n].nanoseconds:.3g}" for n in BATCHES)
                 rows.append([scene, engine, *cells, body, many[1].seconds / many[2].seconds])

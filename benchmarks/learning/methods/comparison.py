@@ -42,7 +42,7 @@ class Effort:
 # For results that are kept
 FULL = Effort((4.0, 20.0, 60.0), (500, 150, 60), (0, 200, 100), 10.0, 5.0)
 QUICK = Effort((2.0, 4.0, 4.0), (50, 15, 8), (0, 10, 0), 2.0, 1.0)  # for a first look
-KINDS_OF_CMA_ES = ("cma_es", *FURTHER_RULES)  # rules that are compared over many more iterations
+LONG_COMPARED = ("cma_es", *FURTHER_RULES)  # rules that are compared over many more iterations
 
 
 def measure(quick: bool, first_seed: int) -> Outcome:
@@ -68,7 +68,7 @@ def measure(quick: bool, first_seed: int) -> Outcome:
                 "CMA-ES for hundreds of parameters: likewise, one seed",
                 joint,
                 further,
-                KINDS_OF_CMA_ES,
+                LONG_COMPARED,
             ),
             engines,
             compare_lateness(task, effort.loop_seconds),
@@ -108,10 +108,10 @@ def _run_further(effort: Effort, joint: Joint) -> Histories:
     histories: Histories = {}
     for name, iterations in zip(joint, effort.further_iterations, strict=True):
         if iterations:
-            report_progress(f"{name}, {', '.join(KINDS_OF_CMA_ES)}")
+            report_progress(f"{name}, {', '.join(LONG_COMPARED)}")
             task, _ = joint[name]
             histories[name] = {
-                rule: rule_history(task, rule, 0, iterations) for rule in KINDS_OF_CMA_ES
+                rule: rule_history(task, rule, 0, iterations) for rule in LONG_COMPARED
             }
     return histories
 

@@ -60,6 +60,9 @@ CANCEL_PATIENCE = 0.2
 of linear algebra of many parameters, or of another machine, can take longer, and so does the import
 of a package that the method needs."""
 
+NEXT_PATIENCE = 5.0
+"""s that a request waits for the end of a search that was cancelled, at most."""
+
 MakeWork = Callable[[LearningOptions], Work]
 """Makes what a job runs from the options of a request."""
 
@@ -116,7 +119,7 @@ class RequestedSearches:
 
     async def _on_learn(self, request: Learn.Request, response: Learn.Response) -> Learn.Response:
         try:
-            job = self._start(learning_options(self._node, request.options))
+            job = await self._start(learning_options(self._node, request.options))
             await self._watched(job)
             self._fill(response, job)
         except Exception as error:
@@ -127,7 +130,7 @@ class RequestedSearches:
         answer = LearnParameters.Result()
         try:
             options = learning_options(self._node, goal.request.options)
-            job = self._start(options)
+            job = await self._start(options)
             answer.cost_history = await self._watched(job, goal, options)
             self._fill(answer, job)
         except Exception as error:
@@ -142,18 +145,29 @@ class RequestedSearches:
         self._changed.set()
         return CancelResponse.ACCEPT
 
-    def _start(self, options: LearningOptions) -> LearningJob:
+    async def _start(self, options: LearningOptions) -> LearningJob:
+        await self._end_of_cancelled()
         if self._stopped:
             raise RefusedError(ResultCode.CANCELLED, "the node ends")
-        if self.running is not None:
+        if (other := self.running) is not None:
+            state = "was cancelled and has not ended yet" if other.cancelled else "runs already"
             raise RefusedError(
                 ResultCode.BUSY,
-                f"a search runs already and is at iteration {self.running.iteration}; "
-                "wait for its end or cancel it",
+                f"a search {state}, at iteration {other.iteration}; wait for its end or cancel it",
             )
         self._on_begin()
         self._job = LearningJob(self._noted(self._make_work(options)), self._changed.set)
         return self._job
+
+    async def _end_of_cancelled(self) -> None:
+        """Wait for the end of a search that was cancelled: its caller has its answer already."""
+        deadline = time.monotonic() + NEXT_PATIENCE
+        timer = _timer(NEXT_PATIENCE, self._changed.set)
+        while (job := self.running) is not None and job.cancelled and time.monotonic() < deadline:
+            change = self._changed.next()
+            if not job.done:
+                await change
+        timer.cancel()
 
     def _noted(self, work: Work) -> Work:
         """Return the same work, which says in the log that it compiles kernels when it does."""

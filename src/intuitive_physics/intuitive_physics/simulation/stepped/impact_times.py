@@ -189,9 +189,11 @@ def _sampled(world, i, second, first, threshold):
         t = first * k / samples
         gap = _gap_at(world, i, second, t) - level
         if gap < -CLOSED:
-            if before - gap < threshold * (t - since):
-                return first
-            return _root(world, i, second, level, since, before, t, gap)
+            if before - gap >= threshold * (t - since):
+                return _root(world, i, second, level, since, before, t, gap)
+            # What closes slowly is left to the pressed contacts; it may close faster later.
+            level += gap - BARELY_APART
+            gap = BARELY_APART
         since, before = t, gap
     return first
 

@@ -5,9 +5,10 @@ A sentence of the paper stands above the test that holds a rule to it.
 
 import numpy as np
 import pytest
-from rule_cases import bowl, proposed
 
 from intuitive_physics_learner import UPDATE_RULES, make_update_rule
+
+from .rule_cases import bowl, proposed
 
 TABLE_I = {
     "grid": {"increment": 0.05},

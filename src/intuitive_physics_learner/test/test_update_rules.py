@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rule_cases import bowl, proposed
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics_learner import (
@@ -17,6 +16,8 @@ from intuitive_physics_learner import (
     UnknownMethodError,
     make_update_rule,
 )
+
+from .rule_cases import bowl, proposed
 
 RULES = sorted({**UPDATE_RULES, **FURTHER_RULES})
 SHORT = {

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from copy import copy
 from dataclasses import replace
 
 import numpy as np
-from intuitive_physics_msgs.msg import ObjectStates
-from intuitive_physics_msgs.msg import Observation as ObservationMessage
 from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import MarkerArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.frames.change_of_frame import RigidTransform
@@ -24,6 +20,7 @@ from intuitive_physics_perception.compile import warm_up
 from intuitive_physics_perception.environment.gravity import RestingAccelerometer
 from intuitive_physics_perception.frame_result import FrameDiagnostics, FrameResult
 from intuitive_physics_perception.nodes.frame_input import INPUTS, FrameInput
+from intuitive_physics_perception.nodes.outputs import MARKER_RATE, Outputs, object_names
 from intuitive_physics_perception.nodes.user_frames import FixedFrame, PublishedFrame
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import (
@@ -32,28 +29,16 @@ from intuitive_physics_perception.settings import (
     PerceptionSettings,
     settings_from_values,
 )
-from intuitive_physics_ros.conversions import (
-    object_states_to_message,
-    observation_to_message,
-    seconds_from_stamp,
-)
+from intuitive_physics_ros.conversions import seconds_from_stamp
 from intuitive_physics_ros.conversions.scenes import detections_to_message
 from intuitive_physics_ros.diagnostics import Level, Status
 from intuitive_physics_ros.environment_publisher import EnvironmentPublisher
 from intuitive_physics_ros.imu_input import ImuInput
 from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
 from intuitive_physics_ros.lifecycle.run_node import farewell, run_node
-from intuitive_physics_ros.markers import (
-    clearing_marker,
-    environment_markers,
-    gravity_marker,
-    name_markers,
-    object_markers,
-)
 from intuitive_physics_ros.parameters import Parameter, setting_parameters
-from intuitive_physics_ros.qos import OBSERVATIONS as OBSERVATIONS_QOS
-from intuitive_physics_ros.qos import QOS_OVERRIDES, STREAM
-from intuitive_physics_ros.topics import DETECTIONS, OBJECT_STATES, OBSERVATIONS
+from intuitive_physics_ros.qos import QOS_OVERRIDES
+from intuitive_physics_ros.topics import DETECTIONS
 from intuitive_physics_ros.transforms import Transforms, UnknownTransformError
 
 NO_ORIENTATION = [0.0, 0.0, 0.0, 0.0]
@@ -94,7 +79,7 @@ PARAMETERS = [
         False,
         "publish vision_msgs/Detection3DArray of the objects on detections as well",
     ),
-    Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0)),
+    MARKER_RATE,
     Parameter(
         "fixed_frame",
         "",
@@ -149,19 +134,10 @@ class PerceptionNode(ManagedNode):
     def activate(self) -> None:
         """Subscribe to frames and publish what is perceived in them."""
         values = self.values()
-        self._states = self.create_publisher(
-            ObjectStates, OBJECT_STATES, copy(STREAM), qos_overriding_options=QOS_OVERRIDES
-        )
-        self._observations = self.create_publisher(
-            ObservationMessage,
-            OBSERVATIONS,
-            copy(OBSERVATIONS_QOS),
-            qos_overriding_options=QOS_OVERRIDES,
-        )
+        self._outputs = Outputs(self)
         self._detections: Publisher | None = None
         if values["publish_detections"]:
             self._offer_detections()
-        self._markers = self.create_publisher(MarkerArray, "~/markers", 1)
         if values["fixed_frame"] or values["target_frame"]:
             self._transforms = Transforms(self)
         self._fixed.listen(self._transforms)
@@ -182,7 +158,7 @@ class PerceptionNode(ManagedNode):
         self.diagnostics.add("frame of what is published", self._frame.check)
         self.diagnostics.add("frames", self._check_frames)
         self.create_service(Trigger, "~/rebuild_environment", self._on_rebuild)
-        self.create_timer(1.0 / values["marker_rate"], self._on_marker_tick)
+        self.create_timer(1.0 / values[MARKER_RATE.name], self._on_marker_tick)
 
     def deactivate(self) -> None:
         """Stop the worker and publish what it had under way; the environment stays known."""
@@ -190,7 +166,7 @@ class PerceptionNode(ManagedNode):
             self._publish_observations(self._pipeline.finish())
         else:
             self.get_logger().warning("the frame under way did not end in time and is left behind")
-        farewell([self._observations, *self._environment.publishers])
+        farewell([self._outputs.observations, *self._environment.publishers])
 
     def cleanup(self) -> None:
         """Forget the environment."""
@@ -309,49 +285,33 @@ class PerceptionNode(ManagedNode):
         objects = [item.object for item in result.objects]
         states = [self._frame.state(item.state) for item in result.objects]
         detections = [self._frame.detection(item.detection) for item in result.objects]
-        name = self._frame.name
-        self._states.publish(
-            object_states_to_message(
-                objects, states, frame_id=name, stamp=header.stamp, detections=detections
-            )
-        )
+        header = Header(stamp=header.stamp, frame_id=self._frame.name)
+        self._outputs.publish_states(header, objects, states, detections)
         if self._detections is not None:
-            message_header = Header(stamp=header.stamp, frame_id=name)
-            self._detections.publish(detections_to_message(objects, states, message_header))
+            self._detections.publish(detections_to_message(objects, states, header))
 
     def _publish_observations(self, observations: tuple[Observation, ...]) -> None:
         for observation in observations:
-            names = ", ".join(item.object.id for item in observation.objects)
             if not self._frame.is_known:
+                names = object_names(observation)
                 self.get_logger().warning(f"observed {names}, which is lost: {self._frame.problem}")
                 continue
             start = self._stamps.get(observation.start_time, observation.start_time)
             placed = self._frame.observation(observation)
-            self._observations.publish(observation_to_message(replace(placed, start_time=start)))
-            self.get_logger().info(f"observed {names}")
+            self._outputs.publish_observation(replace(placed, start_time=start))
 
     def _on_marker_tick(self) -> None:
-        if self._newest is None or self._markers.get_subscription_count() == 0:
+        if self._newest is None or not self._outputs.has_viewer:
             return
         header, result = self._newest
-        model = result.model
-        if model is None:
-            return
-        message_header = Header(stamp=header.stamp, frame_id=model.environment.frame_id)
-        objects = [item.object for item in result.objects]
-        states = [item.state for item in result.objects]
-        colors = [item.color for item in result.objects]
-        self._markers.publish(
-            MarkerArray(
-                markers=[
-                    clearing_marker(),
-                    *environment_markers(model.seen_environment(), header.stamp),
-                    *object_markers(objects, states, message_header, colors=colors),
-                    *name_markers(objects, states, message_header, -model.environment.gravity),
-                    gravity_marker(model.environment, header.stamp),
-                ]
+        if result.model is not None:
+            self._outputs.publish_markers(
+                header.stamp,
+                result.model.seen_environment(),
+                [item.object for item in result.objects],
+                [item.state for item in result.objects],
+                [item.color for item in result.objects],
             )
-        )
 
     def _check_environment(self) -> Status:
         result = self._newest[1] if self._newest else None

@@ -14,11 +14,8 @@ from geometry_msgs.msg import (
     PoseWithCovarianceStamped,
     TransformStamped,
 )
-from intuitive_physics_msgs.msg import ObjectStates
-from intuitive_physics_msgs.msg import Observation as ObservationMessage
 from numpy.typing import NDArray
 from std_msgs.msg import Header
-from visualization_msgs.msg import MarkerArray
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.frames.change_of_frame import RigidTransform
@@ -27,33 +24,22 @@ from intuitive_physics.scene import SceneObject
 from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import covariance_matrix, name_string
 from intuitive_physics_perception.nodes.frame_worker import FrameWorker
+from intuitive_physics_perception.nodes.outputs import MARKER_RATE, Outputs
 from intuitive_physics_perception.poses.described_objects import (
     described_objects,
     environment_from_file,
     floor_environment,
 )
 from intuitive_physics_perception.poses.pose_tracker import MeasuredPose, PoseTracker
-from intuitive_physics_ros.conversions import (
-    object_states_to_message,
-    observation_to_message,
-    seconds_from_stamp,
-)
+from intuitive_physics_ros.conversions import seconds_from_stamp
 from intuitive_physics_ros.conversions.primitives import xyz, xyzw
 from intuitive_physics_ros.environment_publisher import EnvironmentPublisher
 from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
 from intuitive_physics_ros.lifecycle.run_node import farewell, run_node
-from intuitive_physics_ros.markers import (
-    clearing_marker,
-    environment_markers,
-    name_markers,
-    object_markers,
-)
 from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.parameters import Parameter
-from intuitive_physics_ros.qos import OBSERVATIONS as OBSERVATIONS_QOS
-from intuitive_physics_ros.qos import QOS_OVERRIDES, SENSOR_DATA, STREAM
+from intuitive_physics_ros.qos import QOS_OVERRIDES, SENSOR_DATA
 from intuitive_physics_ros.silence import Silence
-from intuitive_physics_ros.topics import OBJECT_STATES, OBSERVATIONS
 from intuitive_physics_ros.transforms import Transforms, UnknownTransformError
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
@@ -112,7 +98,7 @@ PARAMETERS = (
         "standard deviation of a measured orientation about each axis, rad",
         (1e-6, 3.0),
     ),
-    Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0)),
+    MARKER_RATE,
 )
 """All parameters of the node."""
 
@@ -156,16 +142,7 @@ class PoseBridgeNode(ManagedNode):
         """Subscribe to poses and publish states and observations."""
         values = self.values()
         self._noise = values["position_noise"] ** 2, values["orientation_noise"] ** 2
-        self._states = self.create_publisher(
-            ObjectStates, OBJECT_STATES, copy(STREAM), qos_overriding_options=QOS_OVERRIDES
-        )
-        self._observations = self.create_publisher(
-            ObservationMessage,
-            OBSERVATIONS,
-            copy(OBSERVATIONS_QOS),
-            qos_overriding_options=QOS_OVERRIDES,
-        )
-        self._markers = self.create_publisher(MarkerArray, "~/markers", 1)
+        self._outputs = Outputs(self)
         now = Header(stamp=self.get_clock().now().to_msg(), frame_id=self._frame_id)
         self._environment.publish(self._model, camera=now, camera_pose=RigidTransform())
         self._frame: tuple[Header, dict[str, MeasuredPose]] | None = None
@@ -183,7 +160,7 @@ class PoseBridgeNode(ManagedNode):
             self._hear_frames(values["object_frames"])
         else:
             self._hear_topics(values["input"])
-        self.create_timer(1.0 / values["marker_rate"], self._on_marker_tick)
+        self.create_timer(1.0 / values[MARKER_RATE.name], self._on_marker_tick)
 
     def deactivate(self) -> None:
         """Stop the worker and publish what moved; where objects were is forgotten."""
@@ -191,7 +168,7 @@ class PoseBridgeNode(ManagedNode):
             self._publish_observations(self._tracker.finish())
         else:
             self.get_logger().warning("the pose under way did not end in time and is left behind")
-        farewell([self._observations, *self._environment.publishers])
+        farewell([self._outputs.observations, *self._environment.publishers])
 
     def cleanup(self) -> None:
         """Forget the environment."""
@@ -281,9 +258,7 @@ class PoseBridgeNode(ManagedNode):
             self.get_logger().warning("time went back: tracking starts again")
         objects, states = self._tracker.states()
         self._newest = header, objects, states
-        self._states.publish(
-            object_states_to_message(objects, states, frame_id=self._frame_id, stamp=header.stamp)
-        )
+        self._outputs.publish_states(header, objects, states)
         self._publish_observations(observations)
 
     def _measured(self, message: PoseMessage) -> MeasuredPose:
@@ -315,25 +290,12 @@ class PoseBridgeNode(ManagedNode):
 
     def _publish_observations(self, observations: tuple[Observation, ...]) -> None:
         for observation in observations:
-            self._observations.publish(observation_to_message(observation))
-            names = ", ".join(item.object.id for item in observation.objects)
-            self.get_logger().info(f"observed {names}")
+            self._outputs.publish_observation(observation)
 
     def _on_marker_tick(self) -> None:
-        if self._markers.get_subscription_count() == 0:
-            return
-        header, objects, states = self._newest
-        up = -self._model.gravity
-        self._markers.publish(
-            MarkerArray(
-                markers=[
-                    clearing_marker(),
-                    *environment_markers(self._model, header.stamp),
-                    *object_markers(objects, states, header),
-                    *name_markers(objects, states, header, up),
-                ]
-            )
-        )
+        if self._outputs.has_viewer:
+            header, objects, states = self._newest
+            self._outputs.publish_markers(header.stamp, self._model, objects, states)
 
 
 def _pose_of(message: PoseMessage) -> tuple[RigidTransform, NDArray[np.float64] | None]:

@@ -286,7 +286,7 @@ class ModelledScene:
         by_detection = {id(detection): item for item, detection in seen}
         rotation = self.model.rotation
         for track in self.tracker.followed:
-            shown = by_detection.get(id(track.steps[-1].seen))
+            shown = by_detection.get(id(track.steps[-1].detection))
             if shown is None or not isinstance(shown.detection, DetectedSphere):
                 continue
             if not self.tracker.flies(track):
@@ -322,7 +322,7 @@ class ModelledScene:
 
     def _was_seen_earlier(self, track: Track) -> bool:
         """Take the detection of a track in one frame more before those it was seen in."""
-        first_two = track.seen[:2]
+        first_two = track.detections[:2]
         frame = self._recent.before(first_two[0][0])
         if track.earlier is None or track.kind != "sphere" or len(first_two) < 2 or frame is None:
             return False

@@ -190,7 +190,7 @@ def test_the_centre_is_less_certain_the_farther_it_is_from_the_tag() -> None:
         tracker.update(k / RATE, {"a": tag})
     ((state,),) = (tracker.states()[1],)
     assert state.position == pytest.approx([0.5, 0.0, 1.0], abs=0.005)
-    detection = tracker._trackers["a"].tracks[0].steps[-1].seen
+    detection = tracker._trackers["a"].tracks[0].steps[-1].detection
     assert detection is not None
     expected = np.diag([POSITION_NOISE**2, *[POSITION_NOISE**2 + (0.5 * ROTATION_NOISE) ** 2] * 2])
     assert detection.covariance[:3, :3] == pytest.approx(expected, abs=3e-6)

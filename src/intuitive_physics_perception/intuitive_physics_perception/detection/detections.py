@@ -151,6 +151,42 @@ class DetectedSolid:
 Detection = DetectedSphere | DetectedSolid
 
 
+def frame_covariance(detection: Detection) -> NDArray[np.float64]:
+    """Return the part (4, 4) m² of a detection's covariance that its frame alone has."""
+    return detection.covariance - detection.systematic
+
+
+def given_radius(
+    mean: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    systematic: NDArray[np.float64],
+    placed: NDArray[np.intp],
+    radius: float,
+    deviation: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return an estimate and both parts of its covariance, given a sphere's radius.
+
+    Bayes' rule for a measurement of the radius alone, which moves the centre, too. Joseph's form,
+    K P Kᵀ + g R gᵀ, keeps both parts of the covariance apart.
+
+    `mean` (n,) and `covariance` (n, n), of each frame alone; `systematic` (4, 4) m² of centre and
+    radius, which all frames share; `placed` (4,) places of these in the estimate; `radius` and its
+    standard `deviation` in m.
+    """
+    total = covariance.copy()
+    total[np.ix_(placed, placed)] += systematic
+    k = placed[3]
+    gain = total[:, k] / (total[k, k] + deviation**2)
+    keep = np.eye(len(mean))
+    keep[:, k] -= gain
+    keep_placed = keep[np.ix_(placed, placed)]
+    return (
+        mean + gain * (radius - mean[k]),
+        keep @ covariance @ keep.T + deviation**2 * np.outer(gain, gain),
+        keep_placed @ systematic @ keep_placed.T,
+    )
+
+
 def kind_of(detection: Detection) -> str:
     """Return the name of a detection's shape."""
     return "sphere" if isinstance(detection, DetectedSphere) else detection.shape.kind

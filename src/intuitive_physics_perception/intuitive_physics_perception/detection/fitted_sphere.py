@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics_perception.detection.cluster_view import ClusterView, passing
-from intuitive_physics_perception.detection.detections import DetectedSphere
+from intuitive_physics_perception.detection.detections import DetectedSphere, given_radius
 from intuitive_physics_perception.detection.sphere_fit import readings_beyond, refine_sphere
 from intuitive_physics_perception.detection.sphere_inspection import (
     inspect_sphere,
@@ -130,12 +130,11 @@ class SphereFit:
 
         `radii` in m, of the known objects; `tolerance` in m, by which a known object may differ.
         """
-        sphere, covariance = self.sphere, self.covariance
-        variance = float(covariance[3, 3])
+        variance = float(self.covariance[3, 3])
         if not radii or not np.isfinite(variance) or variance <= 0.0:
             return self
-        off = np.array(radii) - sphere[3]
-        distances2 = np.square(off) / (variance + (tolerance / KNOWN_RADIUS_SIGMAS) ** 2)
+        spread2 = variance + (tolerance / KNOWN_RADIUS_SIGMAS) ** 2
+        distances2 = np.square(np.array(radii) - self.sphere[3]) / spread2
         order = np.argsort(distances2)
         nearest = int(order[0])
         ambiguous = (
@@ -143,18 +142,15 @@ class SphereFit:
         )
         if distances2[nearest] > KNOWN_RADIUS_SIGMAS**2 or ambiguous:
             return self
-        # Bayes' rule for a measurement of the radius alone; Joseph's form, K P Kᵀ + g R gᵀ, keeps
-        # both parts of the covariance apart.
-        gain = covariance[:, 3] / (variance + RADIUS_DEVIATION**2)
-        keep = np.eye(4)
-        keep[:, 3] -= gain
-        measured = RADIUS_DEVIATION**2 * np.outer(gain, gain)
-        return SphereFit(
-            sphere + gain * off[nearest],
-            keep @ covariance @ keep.T + measured,
-            keep @ self.systematic @ keep.T,
-            self.noise_scale,
+        sphere, frame_part, systematic = given_radius(
+            self.sphere,
+            self.covariance - self.systematic,
+            self.systematic,
+            np.arange(4),
+            radii[nearest],
+            RADIUS_DEVIATION,
         )
+        return SphereFit(sphere, frame_part + systematic, systematic, self.noise_scale)
 
 
 class SphereFitter:
@@ -175,7 +171,7 @@ class SphereFitter:
         self._knows_before = knows_before
         self._settings = settings
         self._rng = rng
-        self.known_radii = [known.radius for known in settings.known_objects]
+        self.known_radii = [item.radius for item in settings.known_objects]
         self._sharing = noise.correlated - 1.0
         self.noise = np.square([noise.constant, noise.quadratic, noise.limit, noise.lateral])
 

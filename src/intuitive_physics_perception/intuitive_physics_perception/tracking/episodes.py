@@ -18,12 +18,13 @@ from intuitive_physics.observation import Detections, Observation, ObservedObjec
 from intuitive_physics.scene import Environment
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_perception.detection.detections import frame_covariance
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.free_motion import FreeMotion, Record
 from intuitive_physics_perception.tracking.initial_state import state_at
 from intuitive_physics_perception.tracking.motion import POSITION, RADIUS, lasting
 from intuitive_physics_perception.tracking.smoother import smooth
-from intuitive_physics_perception.tracking.track import Track
+from intuitive_physics_perception.tracking.track import Track, detections_of, places_of
 
 PATH_WIDENING = 1.5
 """Multiple of the largest standard deviation where an object was seen, up to which its smoothed
@@ -124,16 +125,12 @@ def record_of(track: Track, settings: PerceptionSettings) -> Record:
     A box's or capsule's centre is not moved: it is the middle of what the frame shows, F_cc its own
     covariance and S_cc the bias.
     """
-    steps = [step for step in track.steps if step.seen is not None]
-    detections = [step.seen for step in steps if step.seen is not None]
-    times = np.array([step.time for step in steps])
+    steps = [step for step in track.steps if step.detection is not None]
+    times, positions, frame_covariances = places_of(detections_of(steps))
+    detections = [detection for _, detection in detections_of(steps)]
     attitudes = tuple(step.attitude for step in steps if step.attitude is not None)
-    positions = np.stack([detection.center for detection in detections])
-    covariances = np.stack([detection.covariance for detection in detections])
-    systematic = np.stack([detection.systematic for detection in detections])
-    bias = systematic[:, :3, :3].mean(axis=0)
-    covariances = covariances - systematic
-    frame_covariances = covariances[:, :3, :3]
+    covariances = np.stack([frame_covariance(detection) for detection in detections])
+    bias = np.mean([detection.systematic[:3, :3] for detection in detections], axis=0)
     if not attitudes:
         gains = covariances[:, :3, 3] / covariances[:, 3, 3, None]
         off = track.mean[RADIUS] - np.array([detection.radius for detection in detections])
@@ -165,15 +162,15 @@ def newest_detection(track: Track) -> Detections | None:
     frame.
     """
     step = track.steps[-1]
-    if step.seen is None:
+    detection = step.detection
+    if detection is None:
         return None
-    frame_covariance = step.seen.covariance - step.seen.systematic
-    position, covariance = step.seen.center, frame_covariance[:3, :3]
-    bias = step.seen.systematic[:3, :3]
+    whole = frame_covariance(detection)
+    position, covariance, bias = detection.center, whole[:3, :3], detection.systematic[:3, :3]
     if track.attitude is None:
-        gain = frame_covariance[:3, 3] / frame_covariance[3, 3]
-        position = position + gain * (track.mean[RADIUS] - step.seen.radius)
-        covariance = covariance - frame_covariance[3, 3] * np.outer(gain, gain)
+        gain = whole[:3, 3] / whole[3, 3]
+        position = position + gain * (track.mean[RADIUS] - detection.radius)
+        covariance = covariance - whole[3, 3] * np.outer(gain, gain)
         bias = bias + track.covariance[RADIUS, RADIUS] * np.outer(gain, gain)
     return Detections([step.time], position[None], covariance[None], bias, track.seen_spin)
 

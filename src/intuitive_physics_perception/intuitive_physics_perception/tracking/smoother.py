@@ -28,7 +28,7 @@ class FilterStep:
     time : s
     prediction : from the frame before
     mean, covariance : (7,) and (7, 7) once the frame was taken into account
-    seen : what was seen of it, in the environment's frame; None where nothing was
+    detection : of it in this frame, in the environment's frame; None where it was not detected
     attitude : how it lies and turns; None of a sphere
     """
 
@@ -36,7 +36,7 @@ class FilterStep:
     prediction: Prediction
     mean: NDArray[np.float64]
     covariance: NDArray[np.float64]
-    seen: Detection | None
+    detection: Detection | None
     attitude: Attitude | None = None
 
 
@@ -58,7 +58,7 @@ class SmoothedPath:
 
 def smooth(steps: Sequence[FilterStep]) -> SmoothedPath:
     """Go back over the steps of a filter, from the last in which something was seen."""
-    last = max(k for k, step in enumerate(steps) if step.seen is not None)
+    last = max(k for k, step in enumerate(steps) if step.detection is not None)
     means = np.stack([step.mean for step in steps[: last + 1]])
     covariances = np.stack([step.covariance for step in steps[: last + 1]])
     for k in range(last - 1, -1, -1):

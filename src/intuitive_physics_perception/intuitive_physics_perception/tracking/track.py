@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import takewhile
 
 import numpy as np
@@ -14,7 +16,12 @@ from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
-from intuitive_physics_perception.detection.detections import DetectedSolid, Detection, kind_of
+from intuitive_physics_perception.detection.detections import (
+    DetectedSolid,
+    Detection,
+    frame_covariance,
+    kind_of,
+)
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
 from intuitive_physics_perception.tracking.attitude import Attitude, object_state
 from intuitive_physics_perception.tracking.motion import (
@@ -74,7 +81,7 @@ class Track:
     attitude : how a box or capsule lies and turns
     systematic : (4, 4) m² of centre and radius, what the errors of all frames share
     prediction : what the frame before made expect
-    known : the known object it turned out to be
+    known_object : the known object it turned out to be
     size : of a sphere that is none; None while that is unknown
     resting : whether it did not move for `rest_time`
     color : (3,) mean red, green and blue, a recent mean, 0 to 1; None while unknown
@@ -100,7 +107,7 @@ class Track:
     seen_time: float = 0.0
     confirmed: bool = False
     resting: bool = False
-    known: KnownObject | None = None
+    known_object: KnownObject | None = None
     size: SizeClass | None = None
     color: NDArray[np.float64] | None = None
     steps: deque[FilterStep] = field(default_factory=lambda: deque(maxlen=MAX_STEPS))
@@ -155,10 +162,9 @@ class Track:
         )
 
     @property
-    def seen(self) -> list[tuple[float, Detection]]:
+    def detections(self) -> list[tuple[float, Detection]]:
         """Detections with their times (s), oldest first, those that were found later among them."""
-        later = [(step.time, step.seen) for step in self.steps if step.seen is not None]
-        return [*(self.earlier or [])[::-1], *later]
+        return [*(self.earlier or [])[::-1], *detections_of(self.steps)]
 
     def recent(self, duration: float) -> list[FilterStep]:
         """Steps of the last `duration` s, oldest first."""
@@ -169,10 +175,10 @@ class Track:
         """Return the object; its dimensions are averages over the track (Sec. VI-C)."""
         if self.identity is not None:
             return self.identity
-        name = self.known.name if self.known else self.kind
+        name = self.known_object.name if self.known_object else self.kind
         material = settings.object_material
-        if self.known is not None:
-            material = self.known.material
+        if self.known_object is not None:
+            material = self.known_object.material
         elif self.size is not None:
             material = self.size.material(settings.object_material)
         shape = self.attitude.shape if self.attitude else Sphere(float(self.mean[RADIUS]))
@@ -205,26 +211,10 @@ class Track:
     def _rolls_on(self, environment: Environment) -> NDArray[np.float64] | None:
         """Normal of the surface it has rolled on for a while up to the last frame, or None."""
         for plane in carrying(self.mean, self.covariance, environment):
-            steps = [
-                (step.time, step.seen)
-                for step in takewhile(
-                    lambda s, plane=plane: self._is_on(plane, s),  # type: ignore[misc]
-                    reversed(self.recent(ROLLING_MEMORY)),
-                )
-                if step.seen is not None
-            ][::-1]
+            newest_first = reversed(self.recent(ROLLING_MEMORY))
+            steps = list(takewhile(partial(self._is_on, plane), newest_first))[::-1]
             expected = supported_acceleration(environment.gravity, [plane], ROLLING_INERTIA)
-            if len(steps) >= 3 and rolls(
-                np.array([time for time, _ in steps]),
-                np.stack([detection.center for _, detection in steps]),
-                np.stack(
-                    [
-                        (detection.covariance - detection.systematic)[:3, :3]
-                        for _, detection in steps
-                    ]
-                ),
-                expected,
-            ):
+            if rolls(*places_of(detections_of(steps)), expected):
                 return plane.normal
         return None
 
@@ -248,7 +238,7 @@ class TrackFilter:
         """Return the track of what is seen for the first time."""
         mean = np.concatenate([detection.center, np.zeros(3), [detection.radius]])
         covariance = np.zeros((SIZE, SIZE))
-        covariance[np.ix_(PLACED, PLACED)] = detection.covariance - detection.systematic
+        covariance[np.ix_(PLACED, PLACED)] = frame_covariance(detection)
         covariance[VELOCITY, VELOCITY] = (self._settings.max_speed / 3.0) ** 2 * np.eye(3)
         first = Prediction(mean, covariance, np.eye(SIZE))
         attitude = None
@@ -309,13 +299,13 @@ class TrackFilter:
         if innovation @ np.linalg.solve(spread, innovation) >= GATE:
             self._forget_velocity(track, innovation)
             innovation, spread = innovation_of(track, detection)
-        frame_covariance = detection.covariance - detection.systematic
         gain = np.linalg.solve(spread, track.covariance[PLACED]).T
         track.mean = track.mean + gain @ innovation
         # Joseph's form keeps the covariance positive definite.
         keep = np.eye(SIZE)
         keep[:, PLACED] -= gain
-        track.covariance = keep @ track.covariance @ keep.T + gain @ frame_covariance @ gain.T
+        noise = frame_covariance(detection)
+        track.covariance = keep @ track.covariance @ keep.T + gain @ noise @ gain.T
         if isinstance(detection, DetectedSolid) and track.attitude is not None:
             track.attitude = track.attitude.corrected(
                 detection, self._settings.angular_velocity_deviation
@@ -336,6 +326,22 @@ class TrackFilter:
         track.prediction = replace(track.prediction, covariance=wider)
         if track.surface is not None:
             track.surface.forget()
+
+
+def detections_of(steps: Iterable[FilterStep]) -> list[tuple[float, Detection]]:
+    """Return the detections of some steps with their times (s)."""
+    return [(step.time, step.detection) for step in steps if step.detection is not None]
+
+
+def places_of(
+    detections: Sequence[tuple[float, Detection]],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return times (n,) s, centres (n, 3) m and their covariances (n, 3, 3) m² in each frame."""
+    return (
+        np.array([time for time, _ in detections]),
+        np.array([detection.center for _, detection in detections]),
+        np.array([frame_covariance(detection)[:3, :3] for _, detection in detections]),
+    )
 
 
 def combined(
@@ -362,8 +368,7 @@ def innovation_of(
     if track.attitude is not None:
         # Its radius stands for a height that follows from the attitude.
         innovation[3] = 0.0
-    frame_covariance = detection.covariance - detection.systematic
-    return innovation, track.covariance[np.ix_(PLACED, PLACED)] + frame_covariance
+    return innovation, track.covariance[np.ix_(PLACED, PLACED)] + frame_covariance(detection)
 
 
 def _rested(track: Track, duration: float) -> Prediction:

@@ -9,24 +9,24 @@ from numpy.typing import NDArray
 
 from intuitive_physics.scene import Environment, SceneObject
 from intuitive_physics.shapes import Capsule
-from intuitive_physics_perception.detection.detections import Detection, kind_of
+from intuitive_physics_perception.detection.detections import Detection, given_radius, kind_of
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.motion import (
     GATE,
     PLACED,
     POSITION,
     RADIUS,
-    SIZE,
     lasting,
 )
 from intuitive_physics_perception.tracking.motion_fits import fitted_motion
 from intuitive_physics_perception.tracking.size_classes import SizeClasses
-from intuitive_physics_perception.tracking.smoother import FilterStep
 from intuitive_physics_perception.tracking.supports import surfaces_of
 from intuitive_physics_perception.tracking.track import (
     Track,
     TrackFilter,
+    detections_of,
     innovation_of,
+    places_of,
 )
 
 COLOR_TIME = 0.116
@@ -166,7 +166,7 @@ class Tracker:
 
         `track`: with at most as many steps as it keeps.
         """
-        detections, since = track.seen, track.steps[0].time
+        detections, since = track.detections, track.steps[0].time
         if track.earlier:
             fresh = self._filter.begin(track.number, *detections[0])
             fresh.close_step(detections[0][1])
@@ -220,19 +220,11 @@ class Tracker:
     def _follow_rest(self, track: Track) -> None:
         """See whether a track comes to rest or leaves it."""
         settings = self._settings
-        recent = _seen(track, 0.5 * settings.rest_time)
-        if len(recent) < 3 or not (track.resting or self._has_come_to_rest(track)):
+        detections = detections_of(track.recent(0.5 * settings.rest_time))
+        if len(detections) < 3 or not (track.resting or self._has_come_to_rest(track)):
             return
-        times = np.array([step.time for step in recent])
-        detections = [step.seen for step in recent if step.seen is not None]
-        motion, spread = fitted_motion(
-            times - times[0],
-            np.stack([detection.center for detection in detections]),
-            np.stack(
-                [(detection.covariance - detection.systematic)[:3, :3] for detection in detections]
-            ),
-            np.zeros(3),
-        )
+        times, places, covariances = places_of(detections)
+        motion, spread = fitted_motion(times - times[0], places, covariances, np.zeros(3))
         velocity, covariance = motion[3:], spread[3:, 3:]
         speed = float(np.linalg.norm(velocity))
         moves = velocity @ np.linalg.solve(covariance, velocity) > LEAVING_GATE
@@ -245,19 +237,18 @@ class Tracker:
     def _has_come_to_rest(self, track: Track) -> bool:
         """Whether it stayed, within noise and `rest_speed`, where it was for `rest_time`."""
         settings = self._settings
-        recent = _seen(track, settings.rest_time)
-        if len(recent) < 3 or recent[-1].time - recent[0].time < 0.7 * settings.rest_time:
+        detections = detections_of(track.recent(settings.rest_time))
+        if len(detections) < 3 or detections[-1][0] - detections[0][0] < 0.7 * settings.rest_time:
             return False
-        detections = [step.seen for step in recent if step.seen is not None]
-        places = np.stack([detection.center for detection in detections])
-        noise = np.sqrt(max(np.trace(detection.covariance[:3, :3]) for detection in detections))
+        places = np.stack([detection.center for _, detection in detections])
+        noise = np.sqrt(max(np.trace(detection.covariance[:3, :3]) for _, detection in detections))
         away = np.linalg.norm(places - places.mean(axis=0), axis=1).max()
         return bool(away < 0.5 * settings.rest_speed * settings.rest_time + 2.0 * noise)
 
     def _is_lost(self, track: Track, time: float) -> bool:
         unseen = time - track.last_seen
         # At a low rate the next frame may be the first that could have shown it again.
-        missed = track.steps[-1].seen is None
+        missed = track.steps[-1].detection is None
         if not track.confirmed and missed and unseen > TENTATIVE_TIME:
             return True
         return unseen > self._settings.coast_time
@@ -289,11 +280,6 @@ class Tracker:
         if self._sizes is not None and track.confirmed and track.attitude is None:
             deviation = float(np.sqrt(track.radius_variance))
             track.size = self._sizes.class_of(float(track.mean[RADIUS]), deviation, track.size)
-
-
-def _seen(track: Track, duration: float) -> list[FilterStep]:
-    """Steps of the last `duration` s in which the object was seen, oldest first."""
-    return [step for step in track.recent(duration) if step.seen is not None]
 
 
 def cheapest_pairs(costs: NDArray[np.float64]) -> list[tuple[int, int]]:
@@ -345,28 +331,25 @@ def _is_settled(track: Track, settings: PerceptionSettings) -> bool:
 
 def _recognise(track: Track, settings: PerceptionSettings) -> None:
     """Give the track the known object nearest in radius, whose radius then holds."""
-    known = min(
+    known_object = min(
         settings.known_objects,
         key=lambda item: abs(item.radius - track.mean[RADIUS]),
         default=None,
     )
-    if known is None or track.attitude is not None:
+    if known_object is None or track.attitude is not None:
         return
     tolerance = settings.known_object_tolerance
-    if abs(known.radius - track.mean[RADIUS]) > tolerance:
+    if abs(known_object.radius - track.mean[RADIUS]) > tolerance:
         return
-    track.known = known
-    # A measurement of the radius alone, as good as a known one: it moves the centre, too.
-    whole = track.covariance.copy()
-    whole[np.ix_(PLACED, PLACED)] += track.systematic
-    gain = whole[:, RADIUS] / (whole[RADIUS, RADIUS] + KNOWN_RADIUS_DEVIATION**2)
-    keep = np.eye(SIZE)
-    keep[:, RADIUS] -= gain
-    track.mean = track.mean + gain * (known.radius - track.mean[RADIUS])
-    track.covariance = keep @ track.covariance @ keep.T
-    track.covariance += KNOWN_RADIUS_DEVIATION**2 * np.outer(gain, gain)
-    keep = keep[np.ix_(PLACED, PLACED)]
-    track.systematic = keep @ track.systematic @ keep.T
+    track.known_object = known_object
+    track.mean, track.covariance, track.systematic = given_radius(
+        track.mean,
+        track.covariance,
+        track.systematic,
+        PLACED,
+        known_object.radius,
+        KNOWN_RADIUS_DEVIATION,
+    )
 
 
 def is_in_capsule(place: NDArray[np.float64], tracks: Iterable[Track]) -> bool:

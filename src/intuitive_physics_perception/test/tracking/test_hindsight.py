@@ -40,7 +40,7 @@ def test_a_track_is_as_if_it_had_been_followed_from_the_start(earlier: int, late
         part.update(float(time), [detection])
     (expected,), (track,) = whole._tracks, part._tracks
     track.earlier = list(zip(times[:earlier].tolist(), seen[:earlier], strict=True))[::-1]
-    assert [time for time, _ in track.seen] == times.tolist()
+    assert [time for time, _ in track.detections] == times.tolist()
     part.take_earlier(track)
     assert track.earlier is None
     np.testing.assert_allclose(track.mean, expected.mean, atol=1e-9)

@@ -22,7 +22,7 @@ from intuitive_physics_perception.detection.detections import (
     without_doubles,
 )
 from intuitive_physics_perception.detection.foreground import Clusters, Clutter, ForegroundFinder
-from intuitive_physics_perception.detection.solids import SeenObject, SolidFinder, all_objects
+from intuitive_physics_perception.detection.solids import ObjectInFrame, SolidFinder, all_objects
 from intuitive_physics_perception.detection.spheres import (
     ClusterSpheres,
     RecentFrames,
@@ -51,25 +51,25 @@ from intuitive_physics_perception.tracking.track import Track
 from intuitive_physics_perception.tracking.tracker import RADIUS_GATE, Tracker
 
 MIN_VISIBLE = 0.1
-"""Part of the readings, of what it was at first, that nothing hides at least: with less nothing can
-be told of the planes."""
+"""Part of the readings, relative to the first frames, that nothing may hide: with fewer the planes
+cannot be checked."""
 
 COVERED_TIME = 2.0
-"""Time for which nearly all is hidden until the sensor counts as moved, s."""
+"""s for which nearly all is hidden until the sensor counts as moved."""
 
 SEARCHES_IN_FRAME = 1
 """Clusters that are searched for spheres at random in one frame, which bounds its time."""
 
 HINDSIGHT = 0.2
-"""Time for which frames are kept, to look in them for a ball before it was first seen, s: a hand
-that lets it go is 50 to 80 ms away before the ball ends all round its outline."""
+"""s for which frames are kept, to search them for a ball before it was first detected: 50 to 80 ms
+pass after the release before the ball is apart from the hand all round its outline."""
 
 HINDSIGHT_FRAMES = 2
-"""Frames looked back into in each new one, which bounds its time."""
+"""Old frames that are searched in each new one, which bounds its time."""
 
 HINDSIGHT_GATE = 0.5
-"""Distance of a ball from a straight line through the next two, in radii, at most: a hand
-that gains 30 m/s² moves it by 16 mm in 1/30 s."""
+"""Largest distance of a ball, in radii, from a straight line through its next two places: a hand
+that accelerates by 30 m/s² moves it by 16 mm in 1/30 s."""
 
 CHECKED_POINTS = 1200
 """Points of each frame, evenly over it, that are compared with the planes: bounds the time."""
@@ -81,10 +81,10 @@ LOOK_EVERY = 0.25
 class EnvironmentCheck:
     """Compares how much of each frame lies on the modelled planes with how much did at first.
 
-    What moves through the view hides a part of it, which tells nothing of the planes. What has gone
+    What moves through the view hides a part of it and says nothing about the planes. What has gone
     shows something else behind it, while the rest of the view is as it was. A sensor that was
-    moved, if only by half a degree, sees most planes elsewhere. One that slides along its only
-    plane, or turns about that plane's normal, sees nothing change and is not noticed.
+    moved, if only by half a degree, sees most planes elsewhere. A sensor that slides along its only
+    plane, or turns about that plane's normal, sees no change: this is not noticed.
     """
 
     def __init__(
@@ -107,8 +107,8 @@ class EnvironmentCheck:
         least = self._settings.moved_fraction
         covered = now.visible < MIN_VISIBLE * was.visible
         fraction = now.explained / max(was.explained, 1e-9)
-        # Where the support is as it was the sensor is as high and tilted as it was: what is
-        # elsewhere came or went, which a revision finds.
+        # With the support in its place, the sensor has its height and tilt: other changes came or
+        # went, which a revision finds.
         stands = not covered and (
             fraction >= least or (self._revised and now.support >= least * was.support)
         )
@@ -131,26 +131,27 @@ class EnvironmentCheck:
         )
 
     def _agreement(self, points: NDArray[np.float32]) -> PlaneAgreement:
-        """Agreement with the planes of some readings of a frame, evenly over it."""
+        """Agreement of some readings, evenly over a frame, with the planes."""
         height, width = points.shape[:2]
         stride = max(1, int(np.sqrt(height * width / CHECKED_POINTS)))
-        some = points[::stride, ::stride] if height > 1 else points[:, :: stride * stride]
-        some = some.reshape(-1, 3)
-        ranges = np.linalg.norm(some, axis=1)
+        chosen = points[::stride, ::stride] if height > 1 else points[:, :: stride * stride]
+        readings = chosen.reshape(-1, 3)
+        ranges = np.linalg.norm(readings, axis=1)
         # NaN compares false.
-        some = some[(ranges >= self._settings.min_range) & (ranges <= self._settings.max_range)]
-        if len(some) < MIN_POINTS:
+        in_range = (ranges >= self._settings.min_range) & (ranges <= self._settings.max_range)
+        readings = readings[in_range]
+        if len(readings) < MIN_POINTS:
             return self._model.agreement
-        cloud = RangeCloud(some.astype(np.float64), self._model.noise, self._settings)
+        cloud = RangeCloud(readings.astype(np.float64), self._model.noise, self._settings)
         return plane_agreement(cloud, self._model.detected)
 
 
 class Stages:
     """Finders of objects in the frames of one environment, with their memories.
 
-    `before` (height, width) m, the nearest that each pixel read when the environment was modelled,
-    NaN for nothing; None where readings have no fixed pixels; `clutter`: what else stands there,
-    for a sensor that has moved; None where it has not.
+    `before` (height, width) m, the nearest range that each pixel read when the environment was
+    modelled, NaN for nothing; None where readings have no fixed pixels; `clutter`: what else stands
+    there, for a sensor that has moved; None where it has not.
     """
 
     def __init__(
@@ -176,8 +177,8 @@ class Stages:
         return self.static_boxes.without(points, self.foreground.find(points))
 
     def prepare(self, points: NDArray[np.float32]) -> None:
-        """Find where each pixel's ray meets a plane, and search the first clusters, so that no
-        later frame waits for it.
+        """Find where each pixel's ray meets a plane and search the first clusters: later frames
+        need not wait for it.
 
         `points` (height, width, 3) m, of a frame.
         """
@@ -220,7 +221,7 @@ class ModelledScene:
         self.stages = self._home = Stages(model, settings, rng, _nearest_ranges(frames))
         self.stages.prepare(frames[-1])
         if settings.spin_from_surface:
-            # Made here, as the first ball that flies cannot wait for them.
+            # The first ball that flies cannot wait for them.
             turn_tables(SEARCH_STEP)
         self.check = EnvironmentCheck(model, settings, revised=self._view is not None)
         self.restart_tracking(first_track)
@@ -236,7 +237,7 @@ class ModelledScene:
         return self.stages is self._home
 
     def look_from(self, way: RigidTransform) -> None:
-        """Look from where the sensor is now; what each pixel read before counts at home only.
+        """Take the pose of the sensor; what each pixel read before counts at home only.
 
         `way`: from the sensor's frame now to its frame when the environment was modelled.
         """
@@ -256,8 +257,8 @@ class ModelledScene:
     def find_spheres(
         self, points: NDArray[np.float32], clusters: Clusters, time: float
     ) -> list[ClusterSpheres]:
-        """Return the spheres of a frame by cluster: those that are followed are looked for first,
-        where they are expected.
+        """Return the spheres of a frame by cluster; those of tracks are searched first, where they
+        are expected.
 
         `points` (height, width, 3) m; `time` in s.
         """
@@ -271,36 +272,35 @@ class ModelledScene:
 
     def look_at_surfaces(
         self,
-        seen: Sequence[tuple[SeenObject, Detection]],
+        objects: Sequence[tuple[ObjectInFrame, Detection]],
         points: NDArray[np.float32],
         colors: NDArray[np.uint8] | None,
         time: float,
     ) -> None:
-        """See in a frame how the balls that fly freely turn.
+        """Measure in a frame how balls in free flight turn.
 
-        `seen`: objects of the frame, and the detections that the tracker took for them; `points`
+        `objects`: of the frame, and the detections that the tracker took for them; `points`
         (height, width, 3) m and `colors` (height, width, 3); `time` in s.
         """
         if colors is None or points.shape[0] == 1 or not self._settings.spin_from_surface:
             return
-        by_detection = {id(detection): item for item, detection in seen}
+        by_detection = {id(detection): item for item, detection in objects}
         rotation = self.model.rotation
         for track in self.tracker.followed:
-            shown = by_detection.get(id(track.steps[-1].detection))
-            if shown is None or not isinstance(shown.detection, DetectedSphere):
+            item = by_detection.get(id(track.steps[-1].detection))
+            if item is None or not isinstance(item.detection, DetectedSphere):
                 continue
             if not self.tracker.flies(track):
                 track.surface = None
                 continue
-            pixels = shown.pixels(points)
-            sphere = self._followed_sphere(track, shown.detection)
-            image = sphere_image(sphere, pixels, points, colors)
+            sphere = self._followed_sphere(track, item.detection)
+            image = sphere_image(sphere, item.pixels(points), points, colors)
             if image is not None:
                 track.surface = track.surface or SurfaceSpin()
                 track.surface.take(time, image.moved(rotation))
 
     def _followed_sphere(self, track: Track, detected: DetectedSphere) -> DetectedSphere:
-        """A sphere that is seen, in the sensor's frame, as all frames so far show it."""
+        """A detected sphere in the sensor's frame, averaged over all frames so far."""
         averaged = replace(
             detected,
             center=track.mean[POSITION],
@@ -310,18 +310,18 @@ class ModelledScene:
         return averaged.moved(self.model.rotation.T, self.model.to_sensor(np.zeros(3)))
 
     def look_back(self) -> None:
-        """Look for each new ball in the frames before it was first seen, a few in each new frame.
+        """Search the frames before each new ball was first detected, a few in each new frame.
 
-        Beside a hand that lets it go a ball is no object of its own yet. Where it must have been it
-        can be told all the same.
+        Beside the hand that releases it a ball is not yet an object of its own, but it is found
+        where it must have been.
         """
         for track in self.tracker.tracks:
             for _ in range(HINDSIGHT_FRAMES):
-                if track.earlier is not None and not self._was_seen_earlier(track):
+                if track.earlier is not None and not self._extends_backwards(track):
                     self.tracker.take_earlier(track)
 
-    def _was_seen_earlier(self, track: Track) -> bool:
-        """Take the detection of a track in one frame more before those it was seen in."""
+    def _extends_backwards(self, track: Track) -> bool:
+        """Take a detection from the frame before a track begins; False where there is none."""
         first_two = track.detections[:2]
         frame = self._recent.before(first_two[0][0])
         if track.earlier is None or track.kind != "sphere" or len(first_two) < 2 or frame is None:
@@ -345,8 +345,8 @@ class ModelledScene:
         return True
 
     def restart_tracking(self, first_track: int) -> None:
-        """Forget all tracks, the last frames, and since when what is seen has been there; the
-        environment stays."""
+        """Forget all tracks, the last frames, and since when readings have stayed; the environment
+        remains."""
         self.tracker = Tracker(self.model.environment, self._settings, first_track)
         self.episodes = EpisodeRecorder(self.model.environment, self._settings)
         self._next_look, self._changed_since = -np.inf, None
@@ -355,22 +355,22 @@ class ModelledScene:
             self._view.restart()
 
     def up_of_flights(self, episodes: Sequence[Episode]) -> NDArray[np.float64] | None:
-        """Return the unit vector (3,) against gravity, in the sensor's frame, where flights show
-        that it is elsewhere than was modelled; else None."""
+        """Return the unit vector (3,) against gravity in the sensor's frame, where flights show
+        that the modelled one is wrong; else None."""
         if self._flights is None or not episodes or not self.is_at_home:
             return None
         for track in (track for episode in episodes for track in episode.tracks):
             record = record_of(track, self._settings)
             factor = noise_factor(record.times, record.positions, record.covariances)
             self._flights.take(record.times, record.positions, factor * record.covariances)
-        estimate, turned = self._flights.up(), MIN_TURN
+        estimate = self._flights.up()
         if estimate is None:
             return None
         up, deviation = estimate
-        if up[2] >= np.cos(np.radians(max(turned, 3.0 * deviation))):
+        if up[2] >= np.cos(np.radians(max(MIN_TURN, 3.0 * deviation))):
             self.stages.model = replace(self.model, gravity_doubt="")
-            if 3.0 * deviation < turned:
-                # Once confirmed it need not be looked at again.
+            if 3.0 * deviation < MIN_TURN:
+                # The modelled direction is confirmed.
                 self._flights = None
             return None
         return np.asarray(up @ self.model.rotation)
@@ -378,11 +378,11 @@ class ModelledScene:
     def watch(
         self, points: NDArray[np.float32], time: float, objects: Sequence[NDArray[np.int64]]
     ) -> str | None:
-        """See in a frame whether parts of the environment have come or gone, and revise it then.
+        """Revise the environment where a frame shows that parts of it have come or gone.
 
         `points` (height, width, 3) m; `time` in s; `objects` (n,) pixels of each object of the
-        frame. Returns what has changed, in a sentence, empty while nothing has; None
-        where the support has gone, and the environment has to be modelled again.
+        frame. Returns a sentence on what has changed, empty while nothing has; None where the
+        support has gone, and the environment has to be modelled again.
         """
         if self._view is None or not self.is_at_home:
             return ""
@@ -396,8 +396,7 @@ class ModelledScene:
         return None if stages is None else self._take(stages)
 
     def _look(self, view: SettledView, time: float) -> None:
-        """Begin a revision when something has changed, and the rest of it has had time to settle,
-        too."""
+        """Begin a revision when something has changed and its parts have had time to settle."""
         self._next_look = time + LOOK_EVERY
         if not view.has_changed(time):
             self._changed_since = None
@@ -408,15 +407,15 @@ class ModelledScene:
             self._begin_revision(view, time)
 
     def _begin_revision(self, view: SettledView, time: float) -> None:
-        known, settled = view.settled(time)
-        view.know(known)
-        self._settled = known
+        points, changed = view.settled(time)
+        view.take_reference(points)
+        self._settled = points
         before = self.stages.before
         if before is not None:
-            before = np.where(settled, np.linalg.norm(known, axis=2), before)
-        # A generator of its own: the frames that go on draw from the other one.
+            before = np.where(changed, np.linalg.norm(points, axis=2), before)
+        # A generator of its own: the frames meanwhile draw from the other one.
         (rng,) = self._rng.spawn(1)
-        job = self.model, known, before, self._settings, rng
+        job = self.model, points, before, self._settings, rng
         if self._background is not None:
             self._pending = self._background.submit(_revised_stages, *job)
         else:
@@ -424,17 +423,17 @@ class ModelledScene:
             self._pending.set_result(_revised_stages(*job))
 
     def _take(self, stages: Stages) -> str:
-        """Go on with a revised environment; say in a sentence how it differs."""
-        was = _ids(self.model.environment)
+        """Replace the environment by a revised one; return a sentence on how it differs."""
+        old_ids = _ids(self.model.environment)
         self.stages = self._home = stages
         self._clutter = None
         self.check = EnvironmentCheck(self.model, self._settings, revised=True)
         self.tracker.take_environment(self.model.environment)
         self.episodes.take_environment(self.model.environment)
-        now = _ids(self.model.environment)
-        changes = [("come", now - was), ("gone", was - now)]
-        said = "; ".join(f"{what}: {', '.join(sorted(ids))}" for what, ids in changes if ids)
-        return f"the environment has changed; {said or 'parts of it end elsewhere'}"
+        new_ids = _ids(self.model.environment)
+        changes = [("come", new_ids - old_ids), ("gone", old_ids - new_ids)]
+        text = "; ".join(f"{change}: {', '.join(sorted(ids))}" for change, ids in changes if ids)
+        return f"the environment has changed; {text or 'parts of it end elsewhere'}"
 
 
 def _ids(environment: Environment) -> set[str]:
@@ -463,23 +462,22 @@ def _nearest_ranges(frames: Sequence[NDArray[np.float32]]) -> NDArray[np.float32
 
 def _revised_stages(
     model: EnvironmentModel,
-    known: NDArray[np.float32],
+    points: NDArray[np.float32],
     before: NDArray[np.float32] | None,
     settings: PerceptionSettings,
     rng: np.random.Generator,
 ) -> Stages | None:
     """Stages for an environment of which something has come or gone; None where its support has.
 
-    `known` (height, width, 3) m, what has been seen for some time; `before` (height, width) m, as
-    `Stages` has it.
+    `points` (height, width, 3) m, settled readings; `before` (height, width) m, as in `Stages`.
     """
-    revised = revised_environment(model, known, settings, rng)
+    revised = revised_environment(model, points, settings, rng)
     if revised is None:
         return None
     if settings.static_boxes:
-        revised = with_static_boxes(revised, [known], settings, rng, model.environment.boxes)
+        revised = with_static_boxes(revised, [points], settings, rng, model.environment.boxes)
     stages = Stages(revised, settings, rng, before)
-    stages.prepare(known)
+    stages.prepare(points)
     return stages
 
 

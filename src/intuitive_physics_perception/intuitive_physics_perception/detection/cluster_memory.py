@@ -28,12 +28,12 @@ SEARCH_PERIOD = 30
 FRAMES_REMEMBERED = 15
 """Frames for which a cluster that is not there is remembered: noise takes some in and out."""
 
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, eq=False)
-class RememberedCluster(Generic[Found]):
-    """A cluster, in how many frames it has stayed as it is, and what was found in it.
+class RememberedCluster(Generic[Result]):
+    """A cluster, in how many frames it has stayed as it is, and the result of its search.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class RememberedCluster(Generic[Found]):
     count : of its points
     frames : in which it was there as it is now, less those in which its search had to wait
     phase : in which frame of a period it is searched, so that not all are in the same one
-    found : what the last search found
+    result : what the last search found
     unseen : frames since it was there
     waited : frames in which its search had to wait, since the last one
     searches, successes : how often it was searched, and how often something was found
@@ -51,7 +51,7 @@ class RememberedCluster(Generic[Found]):
     count: int
     frames: int
     phase: int
-    found: Found | None
+    result: Result | None
     unseen: int = 0
     waited: int = 0
     searches: int = 0
@@ -63,7 +63,7 @@ class RememberedCluster(Generic[Found]):
         period = SEARCH_PERIOD
         return self.frames < FIRST_SEARCHES or (self.frames + self.phase) % period == 0
 
-    def after_search(self, *, success: bool) -> RememberedCluster[Found]:
+    def after_search(self, *, success: bool) -> RememberedCluster[Result]:
         """Return it after a search; after a success it is searched in the next frame, too."""
         return replace(
             self,
@@ -73,7 +73,7 @@ class RememberedCluster(Generic[Found]):
         )
 
 
-class ClusterMemory(Generic[Found]):
+class ClusterMemory(Generic[Result]):
     """Recognises the clusters of the last frames.
 
     `stillness` is the largest movement in m of the centre of a cluster that stays as it is, without
@@ -84,10 +84,10 @@ class ClusterMemory(Generic[Found]):
         self._stillness = stillness
         self._noise = noise
         self._turn = 0
-        self._last: list[RememberedCluster[Found]] = []
-        self._next: list[RememberedCluster[Found]] = []
+        self._last: list[RememberedCluster[Result]] = []
+        self._next: list[RememberedCluster[Result]] = []
 
-    def recall(self, points: NDArray[np.float64]) -> RememberedCluster[Found]:
+    def recall(self, points: NDArray[np.float64]) -> RememberedCluster[Result]:
         """Return what is known of a cluster.
 
         `points` (n, 3) m, its points.
@@ -106,11 +106,11 @@ class ClusterMemory(Generic[Found]):
         self._turn += 1
         return RememberedCluster(centre, count, 0, self._turn, None)
 
-    def keep(self, cluster: RememberedCluster[Found], result: Found | None) -> None:
-        """Remember a cluster for the next frame with what was found in it."""
-        self._next.append(replace(cluster, found=result, waited=0))
+    def keep(self, cluster: RememberedCluster[Result], result: Result | None) -> None:
+        """Remember a cluster for the next frame with the result of its search."""
+        self._next.append(replace(cluster, result=result, waited=0))
 
-    def postpone(self, cluster: RememberedCluster[Found]) -> None:
+    def postpone(self, cluster: RememberedCluster[Result]) -> None:
         """Remember a cluster of which the search has to wait for the next frame."""
         self._next.append(replace(cluster, frames=cluster.frames - 1, waited=cluster.waited + 1))
 

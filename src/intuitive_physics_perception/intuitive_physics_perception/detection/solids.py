@@ -72,7 +72,7 @@ class SolidFinder:
             return None
         readings = points.reshape(-1, 3)[cluster].astype(np.float64)
         remembered = self._memory.recall(readings)
-        solid = self._solid(readings) if remembered.deserves_a_search else remembered.found
+        solid = self._solid(readings) if remembered.deserves_a_search else remembered.result
         self._memory.keep(remembered, solid)
         return solid
 
@@ -128,7 +128,7 @@ def holds(box: StaticBox, place: NDArray[np.float64]) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class SeenObject:
+class ObjectInFrame:
     """An object in a frame.
 
     Parameters
@@ -154,7 +154,7 @@ def all_objects(
     spheres_by_cluster: Sequence[ClusterSpheres],
     solids: SolidFinder | None,
     colors: NDArray[np.uint8] | None = None,
-) -> list[SeenObject]:
+) -> list[ObjectInFrame]:
     """Return the objects of a frame of points (height, width, 3), in the sensor's frame.
 
     One solid that explains a whole cluster is likelier than a sphere that explains a part of it:
@@ -168,7 +168,7 @@ def all_objects(
     )
     by_cluster = solids.find(points, [part.cluster for part in unexplained]) if solids else []
     whole = [
-        SeenObject(solid, part.cluster)
+        ObjectInFrame(solid, part.cluster)
         for part, solid in zip(unexplained, by_cluster, strict=True)
         if solid is not None
     ]
@@ -182,7 +182,7 @@ def all_objects(
     spheres = [
         sphere for part in spheres_by_cluster for sphere in part.spheres if id(sphere) in clusters
     ]
-    objects = [SeenObject(item, clusters[id(item)]) for item in without_doubles(spheres)] + whole
+    objects = [ObjectInFrame(item, clusters[id(item)]) for item in without_doubles(spheres)] + whole
     if colors is None:
         return objects
     return [

@@ -144,16 +144,16 @@ def detect_planes(
     noise: RangeNoise,
     settings: PerceptionSettings,
     rng: np.random.Generator,
-    known: Sequence[NDArray[np.float64]] = (),
+    old_planes: Sequence[NDArray[np.float64]] = (),
 ) -> list[DetectedPlane]:
     """Find all planes that hold at least `plane_min_fraction` of the points, largest first.
 
-    `points` (n, 3) m, all finite, the sensor at the origin; `known` (4,) normal and offset in m of
-    each plane that was there before; it stays where it was as long as enough points are near it.
+    `points` (n, 3) m, all finite, the sensor at the origin; `old_planes` (4,) normal and offset in
+    m of each plane that was there before; it stays where it was as long as enough points are near.
     """
     cloud = RangeCloud(points, noise, settings)
     needed = max(int(settings.plane_min_fraction * len(points)), 3)
-    candidates = [plane for plane in known if cloud.near(plane).sum() >= needed]
+    candidates = [plane for plane in old_planes if cloud.near(plane).sum() >= needed]
     fixed = len(candidates)
     free = np.ones(len(points), dtype=bool)
     for candidate in candidates:

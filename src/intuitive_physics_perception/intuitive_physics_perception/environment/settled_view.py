@@ -45,17 +45,17 @@ class SettledView:
     A pixel is settled while its readings differ by no more than noise explains. Where nothing is
     read nothing is known, so missing readings neither settle a pixel nor unsettle it.
 
-    `known` (height, width, 3) m, what the environment was modelled from, NaN where nothing was
+    `reference` (height, width, 3) m, what the environment was modelled from, NaN where nothing was
     read.
     """
 
-    def __init__(self, known: NDArray[np.float32], noise: RangeNoise) -> None:
+    def __init__(self, reference: NDArray[np.float32], noise: RangeNoise) -> None:
         self._limits = np.array(
             [noise.constant**2, noise.quadratic**2, noise.limit**2, 2.0 * CHANGE_SIGMAS**2],
             dtype=np.float32,
         )
-        self._known = known.copy()
-        height, width = known.shape[:2]
+        self._reference = reference.copy()
+        height, width = reference.shape[:2]
         self._means = np.full((height, width, 3), np.nan, dtype=np.float32)
         self._since = np.zeros((height, width), dtype=np.float64)
         self._counts = np.zeros((height, width), dtype=np.int32)
@@ -78,19 +78,19 @@ class SettledView:
                 _unsettle(self._counts, pixels, height, width, OBJECT_MARGIN)
 
     def settled(self, time: float) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Return what has settled elsewhere, and what was known where nothing has.
+        """Return what has settled elsewhere, and the reference where nothing has.
 
         What is farther than before is seen through what was there, which takes less time to believe
         than something nearer, which may go on again.
 
         `time` in s, of the last frame. Returns `points` (height, width, 3) m; `changed` (height,
-        width) which of them have settled elsewhere than was known.
+        width) which of them have settled elsewhere than in the reference.
         """
         changed = self._changed(time, 1)
-        return np.where(changed[:, :, None], self._means, self._known), changed
+        return np.where(changed[:, :, None], self._means, self._reference), changed
 
     def has_changed(self, time: float) -> bool:
-        """Return whether something of some size has settled elsewhere than what was known.
+        """Return whether something of some size has settled elsewhere than in the reference.
 
         Edges that waver are one or two pixels wide, so a change must fill a square of pixels.
 
@@ -102,15 +102,15 @@ class SettledView:
         blobs = binary_erosion(self._changed(time, ROWS_APART), np.ones((side, side), dtype=bool))
         return bool(blobs.any())
 
-    def know(self, points: NDArray[np.float32]) -> None:
-        """Take what the environment has been modelled from again.
+    def take_reference(self, points: NDArray[np.float32]) -> None:
+        """Take a new reference, from which the environment has been modelled again.
 
         `points` (height, width, 3) m, NaN where nothing was read.
         """
-        self._known = points.copy()
+        self._reference = points.copy()
 
     def restart(self) -> None:
-        """Forget since when what is seen has been there; what was known stays."""
+        """Forget since when readings have stayed; the reference remains."""
         self._counts[:] = 0
 
     def _changed(self, time: float, stride: int) -> NDArray[np.bool_]:
@@ -119,7 +119,7 @@ class SettledView:
         # Since when a pixel is settled that reads farther, and one that reads nearer.
         times = np.array([time - GONE_TIME, time - COME_TIME])
         changes = _changes(
-            self._means, self._known, self._since, self._counts, self._limits, times, stride
+            self._means, self._reference, self._since, self._counts, self._limits, times, stride
         )
         return np.asarray(changes > 0)
 

@@ -58,12 +58,12 @@ def with_static_boxes(
     frames: Sequence[NDArray[np.float32]],
     settings: PerceptionSettings,
     rng: np.random.Generator,
-    known: Sequence[StaticBox] = (),
+    old_boxes: Sequence[StaticBox] = (),
 ) -> EnvironmentModel:
     """Return a model with a box around all that stands still and is no object.
 
-    `frames` (height, width, 3) m each, those the model was made from; `known`: boxes that were
-    there before: what still stands as it did keeps its place and its id.
+    `frames` (height, width, 3) m each, those the model was made from; `old_boxes`: boxes that
+    were there before: what still stands as it did keeps its place and its id.
     """
     frame = np.ascontiguousarray(fused_frame(frames, MAX_EDGE_POINTS), dtype=np.float32)
     clusters = ForegroundFinder(model, settings).find(frame)
@@ -79,19 +79,19 @@ def with_static_boxes(
             boxes.append(_down_to_floor(box, model, points))
     if settings.solids_are_objects:
         boxes = _without_objects(boxes, model, frames, settings, rng)
-    boxes = _as_known(boxes, known)
+    boxes = _with_old_ids(boxes, old_boxes)
     old = model.environment
     environment = Environment(old.planes, boxes, old.gravity, old.frame_id, old.air_density)
     return replace(model, environment=environment)
 
 
-def _as_known(boxes: Sequence[StaticBox], known: Sequence[StaticBox]) -> list[StaticBox]:
-    """Boxes of which those that are known already stay as they were, and the others get new ids.
+def _with_old_ids(boxes: Sequence[StaticBox], old_boxes: Sequence[StaticBox]) -> list[StaticBox]:
+    """Boxes, of which those that were there before stay as they were; the others get new ids.
 
     Two are the same when centres and edges differ by no more than a part of the diagonal.
     """
-    number = 1 + max((int(box.id.rsplit("_", 1)[1]) for box in known), default=-1)
-    left, results = list(known), []
+    number = 1 + max((int(box.id.rsplit("_", 1)[1]) for box in old_boxes), default=-1)
+    left, results = list(old_boxes), []
     for box in boxes:
         same = [old for old in left if _difference(box, old) < SAME_PART]
         if same:

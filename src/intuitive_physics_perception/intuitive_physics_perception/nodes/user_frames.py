@@ -153,16 +153,16 @@ class PublishedFrame:
     @property
     def camera_pose(self) -> RigidTransform:
         """Pose of the camera in this frame; only where it is known."""
-        return self._known().camera_pose
+        return self._known_placement().camera_pose
 
     @property
     def name(self) -> str:
         """Name of the frame; only where it is known."""
-        return self._target or self._known().model.environment.frame_id
+        return self._target or self._known_placement().model.environment.frame_id
 
     def environment(self) -> Environment:
         """Return the environment of the newest model; only where the frame is known."""
-        placed = self._known()
+        placed = self._known_placement()
         environment = placed.model.environment
         return (
             environment_in(environment, self.name, placed.from_environment)
@@ -172,19 +172,19 @@ class PublishedFrame:
 
     def state(self, state: ObjectState) -> ObjectState:
         """Return a state of the newest model's environment; only where the frame is known."""
-        return state_in(state, self._known().from_environment) if self._target else state
+        return state_in(state, self._known_placement().from_environment) if self._target else state
 
     def detection(self, detection: Detections | None) -> Detections | None:
         """Return a detection in the newest model's environment; only where the frame is known."""
         if detection is None or not self._target:
             return detection
-        return detections_in(detection, self._known().from_environment)
+        return detections_in(detection, self._known_placement().from_environment)
 
     def observation(self, observation: Observation) -> Observation:
         """Return an observation of any model's environment; only where the frame is known."""
         if not self._target:
             return observation
-        return observation_in(observation, self.name, self._known().from_environment)
+        return observation_in(observation, self.name, self._known_placement().from_environment)
 
     def check(self) -> Status:
         """Say for /diagnostics whether the frame is known."""
@@ -197,7 +197,7 @@ class PublishedFrame:
         """Why it is not known; empty where it is, or nothing was looked up yet."""
         return self._problem
 
-    def _known(self) -> _Placement:
+    def _known_placement(self) -> _Placement:
         if self._placement is None:
             raise UnknownTransformError(self._problem or "no environment is modelled yet")
         return self._placement

@@ -249,8 +249,8 @@ def _piece(
     It begins at the first time at which the state of each is known and one of them moves: before,
     a hand may have moved them.
     """
-    known_then = [item for item in records if item.begin <= start <= item.record.times[-1]]
-    present, free = [item.record for item in known_then], [item.free for item in known_then]
+    known_records = [item for item in records if item.begin <= start <= item.record.times[-1]]
+    present, free = [item.record for item in known_records], [item.free for item in known_records]
     times = np.unique(np.concatenate([record.between(start, end).times for record in present]))
     for time in times:
         parts = [record.between(time, end) for record in present]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from intuitive_physics_perception.environment.environment_model import (
 )
 from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.depth import points_from_depth
+from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 525.0
@@ -237,9 +238,21 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(7)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_room() -> type[Room]:
     return Room
+
+
+@pytest.fixture(scope="session")
+def make_small_room() -> Callable[..., Room]:
+    """Rooms whose camera has a quarter of the pixels."""
+    return partial(Room, width=320, height_pixels=240, focal=262.5)
+
+
+@pytest.fixture
+def pipeline() -> PerceptionPipeline:
+    """A pipeline that models the environment from four frames."""
+    return PerceptionPipeline(PerceptionSettings(environment_frames=4), np.random.default_rng(0))
 
 
 @pytest.fixture

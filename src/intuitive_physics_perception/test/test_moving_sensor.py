@@ -21,7 +21,6 @@ FIRST = 6
 """Frames that stand still at the start, from which the environment is modelled."""
 
 SETTINGS = PerceptionSettings(environment_frames=FIRST)
-SMALL = {"width": 320, "height_pixels": 240, "focal": 262.5}
 START, VELOCITY = np.array([1.3, -0.5, 0.5]), np.array([0.3, 0.9, 1.4])
 WORLD_IN_FIXED = RigidTransform(
     (3.0, -2.0, 0.4), Rotation.from_euler("z", 50, degrees=True).as_quat()
@@ -62,8 +61,8 @@ class Head:
 
 
 @pytest.fixture
-def head(corner_model) -> Head:
-    return Head(corner_model[0].__class__(tilt=25.0, seed=12, **SMALL))
+def head(make_small_room) -> Head:
+    return Head(make_small_room(tilt=25.0, seed=12))
 
 
 CLUTTER = (

@@ -24,9 +24,9 @@ SETTINGS = PerceptionSettings(environment_frames=4)
 
 
 @pytest.fixture(scope="module")
-def recording(corner_model):
+def recording(make_room):
     """Eight empty frames, a throw of 0.7 s, ten empty frames; true places in the world."""
-    room = corner_model[0].__class__(tilt=25.0, seed=11)
+    room = make_room(tilt=25.0, seed=11)
     times = np.arange(21) * STEP
     p0, v0 = np.array([1.4, -0.3, 0.45]), np.array([0.5, 0.6, 0.4])
     # Up and down until the floor at 0.33 s, then a bounce with e = 0.7 without friction.
@@ -73,9 +73,8 @@ def test_equal_seeds_perceive_equally(recording) -> None:
         assert [o.state.to_dict() for o in a.objects] == [o.state.to_dict() for o in b.objects]
 
 
-def test_time_that_jumps_back_restarts_the_tracker(recording) -> None:
+def test_time_that_jumps_back_restarts_the_tracker(recording, pipeline) -> None:
     _, frames, _, _ = recording
-    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
     play(frames[:28], 50.0, pipeline)
     again = play(frames[8:16], 10.0, pipeline)
     assert again[0].restarted
@@ -86,9 +85,10 @@ def test_time_that_jumps_back_restarts_the_tracker(recording) -> None:
     assert [o.object.id for o in again[-1].objects] == ["sphere_2"]
 
 
-def test_frames_of_a_recording_that_is_played_again_and_again_are_not_kept(recording) -> None:
+def test_frames_of_a_recording_that_is_played_again_and_again_are_not_kept(
+    recording, pipeline
+) -> None:
     _, frames, _, _ = recording
-    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
     passed = []
     for _ in range(3):
         for k, frame in enumerate(frames[:12]):
@@ -102,9 +102,10 @@ def test_frames_of_a_recording_that_is_played_again_and_again_are_not_kept(recor
     assert later[-1] == 35
 
 
-def test_rebuilding_models_from_the_next_frames_and_never_uses_an_id_twice(recording) -> None:
+def test_rebuilding_models_from_the_next_frames_and_never_uses_an_id_twice(
+    recording, pipeline
+) -> None:
     _, frames, _, _ = recording
-    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
     play(frames[:28], 0.0, pipeline)
     assert len(pipeline.rebuild_environment()) == 1
     later = play([*frames[:4], *frames[8:16]], 10.0, pipeline)
@@ -112,17 +113,15 @@ def test_rebuilding_models_from_the_next_frames_and_never_uses_an_id_twice(recor
     assert [o.object.id for o in later[-1].objects] == ["sphere_2"]
 
 
-def test_what_moves_at_the_end_is_an_observation(recording) -> None:
+def test_what_moves_at_the_end_is_an_observation(recording, pipeline) -> None:
     _, frames, _, _ = recording
-    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
     play(frames[:28], 0.0, pipeline)
     assert len(pipeline.finish()) == 1
     assert pipeline.finish() == ()
 
 
-def test_bad_frames_are_named_and_do_no_harm(recording) -> None:
+def test_bad_frames_are_named_and_do_no_harm(recording, pipeline) -> None:
     _, frames, _, _ = recording
-    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
     nothing = np.full_like(frames[0], np.nan)
     for k, bad in enumerate([nothing, np.zeros((1, 0, 3), np.float32), nothing[:1]]):
         assert "no reading" in pipeline.process(bad, float(k)).diagnostics.problem
@@ -160,8 +159,8 @@ def solid_states(room, shape_at, times):
 
 
 @pytest.mark.parametrize("kind", ["box", "capsule"])
-def test_a_thrown_box_or_capsule_goes_through_the_same_door(corner_model, shapes, kind) -> None:
-    room = corner_model[0].__class__(tilt=25.0, seed=12)
+def test_a_thrown_box_or_capsule_goes_through_the_same_door(make_room, shapes, kind) -> None:
+    room = make_room(tilt=25.0, seed=12)
     times = np.arange(12) * STEP
     start, v0 = np.array([1.4, -0.3, 0.6]), np.array([0.3, 0.8, 0.9])
     spin, first = np.array([0.6, 0.0, 2.5]), Rotation.from_euler("zyx", [0.6, 0.4, 0.2])

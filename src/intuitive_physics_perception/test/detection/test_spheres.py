@@ -153,10 +153,10 @@ def test_batches_stop_early_where_a_sphere_explains_much(rng) -> None:
     assert drawn["clutter"] == 1024
 
 
-def test_a_known_radius_places_a_hidden_ball_better(corner_model, shapes) -> None:
+def test_a_known_radius_places_a_hidden_ball_better(corner_model, make_room, shapes) -> None:
     _, model = corner_model
     # Noise of its own: what is found does not depend on the tests before.
-    room = corner_model[0].__class__(tilt=25.0, seed=7)
+    room = make_room(tilt=25.0, seed=7)
     foreground = ForegroundFinder(model, SETTINGS)
     centers = [np.array([1.9, 0.05 * k - 0.3, 0.4]) for k in range(12)]
     frames = []

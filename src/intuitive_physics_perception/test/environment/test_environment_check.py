@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
 
-from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.scene import EnvironmentCheck
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -20,7 +18,7 @@ class Camera:
     """Frames of one room from cameras that stand differently."""
 
     def __init__(self, make_room) -> None:
-        self.make_room = partial(make_room, width=320, height_pixels=240, focal=262.0)
+        self.make_room = make_room
 
     def frames(self, count, *, tilt=25.0, height=0.8, seed=1, balls=(), extra=()):
         room = self.make_room(tilt=tilt, height=height, seed=seed)
@@ -28,16 +26,15 @@ class Camera:
 
 
 @pytest.fixture
-def camera(make_room) -> Camera:
-    return Camera(make_room)
+def camera(make_small_room) -> Camera:
+    return Camera(make_small_room)
 
 
 def play(pipeline, frames, start):
     return [pipeline.process(frame, start + k * STEP) for k, frame in enumerate(frames)]
 
 
-def test_a_moved_camera_is_named_and_its_new_place_modelled(camera) -> None:
-    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
+def test_a_moved_camera_is_named_and_its_new_place_modelled(camera, pipeline) -> None:
     before = play(pipeline, camera.frames(6), 0.0)[-1].model
     after = play(pipeline, camera.frames(14, tilt=31.0, height=0.9, seed=2), 1.0)
     (moved,) = [k for k, perceived in enumerate(after) if perceived.moved]
@@ -54,8 +51,7 @@ def test_a_moved_camera_is_named_and_its_new_place_modelled(camera) -> None:
     assert tilts == pytest.approx([25.0, 31.0], abs=0.1)
 
 
-def test_what_was_followed_before_the_move_is_an_observation(camera) -> None:
-    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
+def test_what_was_followed_before_the_move_is_an_observation(camera, pipeline) -> None:
     play(pipeline, camera.frames(5), 0.0)
     for k in range(8):
         ball = ((1.3 + 0.05 * k, -0.3 + 0.06 * k, 0.05), 0.05)
@@ -65,23 +61,20 @@ def test_what_was_followed_before_the_move_is_an_observation(camera) -> None:
 
 
 @pytest.mark.parametrize("change", [{"tilt": 25.7}, {"height": 0.815}])
-def test_a_small_move_is_noticed(camera, change) -> None:
+def test_a_small_move_is_noticed(camera, change, pipeline) -> None:
     """0.7° and 15 mm: what noise and unevenness let pass is 4σ and 5 mm, 8 mm at 1.5 m."""
-    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
     play(pipeline, camera.frames(4), 0.0)
     assert any(perceived.moved for perceived in play(pipeline, camera.frames(7, **change), 1.0))
 
 
-def test_someone_before_the_camera_is_no_move(camera, shapes) -> None:
-    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
+def test_someone_before_the_camera_is_no_move(camera, shapes, pipeline) -> None:
     play(pipeline, camera.frames(4), 0.0)
     person = shapes["cylinder"](1.2, 0.1, 0.15, 1.8)
     seen = play(pipeline, camera.frames(10, extra=[person]), 1.0)
     assert not any(perceived.moved for perceived in seen)
 
 
-def test_a_short_cover_of_the_camera_is_no_move(camera, shapes) -> None:
-    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
+def test_a_short_cover_of_the_camera_is_no_move(camera, shapes, pipeline) -> None:
     play(pipeline, camera.frames(4), 0.0)
     hand = shapes["box"]((0.4, 0.0, 0.6), (0.05, 1.0, 1.0), 0.0)
     seen = play(pipeline, [*camera.frames(4, extra=[hand]), *camera.frames(4)], 1.0)

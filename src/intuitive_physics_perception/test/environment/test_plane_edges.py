@@ -45,8 +45,8 @@ def distances_to_corners(boundary, corners) -> list[float]:
 
 
 @pytest.fixture(scope="module")
-def table_room(corner_model):
-    return corner_model[0].__class__(tilt=35.0, height=1.2, walls=(((-1.0, 0.0, 0.0), -3.2),))
+def table_room(make_room):
+    return make_room(tilt=35.0, height=1.2, walls=(((-1.0, 0.0, 0.0), -3.2),))
 
 
 def test_a_room_whose_planes_meet_or_leave_the_view_has_no_edges(corner_model) -> None:

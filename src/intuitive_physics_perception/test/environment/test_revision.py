@@ -27,8 +27,8 @@ SETTINGS = PerceptionSettings(environment_frames=4)
 class Film:
     """Frames of a room, perceived one after another."""
 
-    def __init__(self, make_room, background=None) -> None:
-        self.room = make_room(width=320, height_pixels=240, focal=262.0, tilt=25.0, height=0.8)
+    def __init__(self, make_small_room, background=None) -> None:
+        self.room = make_small_room(tilt=25.0, height=0.8)
         self.pipeline = PerceptionPipeline(
             SETTINGS, np.random.default_rng(0), background=background
         )
@@ -47,8 +47,8 @@ class Film:
 
 
 @pytest.fixture
-def film(make_room) -> Film:
-    return Film(make_room)
+def film(make_small_room) -> Film:
+    return Film(make_small_room)
 
 
 @pytest.fixture
@@ -141,13 +141,13 @@ def test_tracks_go_on_while_the_environment_is_revised(film, box) -> None:
     assert {one.object.id for one in after[-1].objects} == {one.object.id for one in before.objects}
 
 
-def test_a_revision_in_the_background_gives_the_same_environment(make_room, box) -> None:
+def test_a_revision_in_the_background_gives_the_same_environment(make_small_room, box) -> None:
     board = box(center=(1.9, 0.1, 0.5), edges=(0.02, 0.9, 1.0))
-    at_once = Film(make_room)
+    at_once = Film(make_small_room)
     at_once.play(0.5, [board])
     expected = at_once.play(4.0)[-1].model.environment
     with ThreadPoolExecutor(1) as background:
-        film = Film(make_room, background)
+        film = Film(make_small_room, background)
         film.play(0.5, [board])
         found = film.play(4.0)[-1].model.environment
     assert [plane.id for plane in found.planes] == [plane.id for plane in expected.planes]

@@ -21,8 +21,8 @@ CRATE_EDGES = (0.16, 0.22, 0.2)
 
 
 @pytest.fixture(scope="module")
-def room(corner_model):
-    return corner_model[0].__class__(tilt=30.0, seed=9)
+def room(make_room):
+    return make_room(tilt=30.0, seed=9)
 
 
 def frames_of(room, *, balls=((),) * FRAMES, extra=()):
@@ -99,10 +99,10 @@ def test_boxes_are_part_of_the_environment_unless_they_are_left_out(room, shapes
 
 
 def test_a_box_that_lies_there_from_the_start_is_an_object_where_solids_are_objects(
-    room, shapes
+    make_small_room, shapes
 ) -> None:
     """Pushed later, it slides 1 m/s along y without friction, 33 cm in 10 frames."""
-    small = room.__class__(tilt=30.0, seed=9, width=320, height_pixels=240, focal=262.5)
+    small = make_small_room(tilt=30.0, seed=9)
     step, resting, pushed = 1.0 / 30.0, FRAMES + 18, 10
     slid = step * np.concatenate([np.zeros(resting), np.arange(1, pushed + 1)])
 

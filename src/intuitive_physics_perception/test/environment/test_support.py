@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from intuitive_physics_perception.environment.environment_model import model_environment
 from intuitive_physics_perception.environment.gravity import FlightGravity
-from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SETTINGS = PerceptionSettings(environment_frames=4)
@@ -29,18 +28,10 @@ def frames_of(room, count, balls=(), extra=()):
     return [room.points(balls, extra) for _ in range(count)]
 
 
-@pytest.fixture
-def view(make_room):
-    def of(**kw):
-        return make_room(width=320, height_pixels=240, focal=262.0, **kw)
-
-    return of
-
-
 @pytest.mark.parametrize("height", [0.7, 0.9])
-def test_a_wall_is_no_support_where_a_floor_is_seen(view, height) -> None:
+def test_a_wall_is_no_support_where_a_floor_is_seen(make_small_room, height) -> None:
     """A level camera 2 m before a wall: the wall fills most of the image."""
-    room = view(tilt=0.0, height=height, walls=[((-1.0, 0.0, 0.0), -2.5)])
+    room = make_small_room(tilt=0.0, height=height, walls=[((-1.0, 0.0, 0.0), -2.5)])
     frames = frames_of(room, 4)
     model = model_environment(frames, SETTINGS, np.random.default_rng(0))
     assert len(model.detected) == 2
@@ -53,8 +44,10 @@ def test_a_wall_is_no_support_where_a_floor_is_seen(view, height) -> None:
     assert angle(wall_first.detected[0].normal, [0, 0, -1]) < 1.0
 
 
-def test_a_camera_that_looks_down_has_its_floor_and_says_that_it_may_be_a_wall(view) -> None:
-    room = view(tilt=85.0, height=1.2, walls=[])
+def test_a_camera_that_looks_down_has_its_floor_and_says_that_it_may_be_a_wall(
+    make_small_room,
+) -> None:
+    room = make_small_room(tilt=85.0, height=1.2, walls=[])
     model = model_environment(frames_of(room, 4), SETTINGS, np.random.default_rng(0))
     assert angle(model.rotation @ room.rotation.T @ [0, 0, 1], [0, 0, 1]) < 1.0
     assert "if it is a wall" in model.gravity_doubt
@@ -77,12 +70,13 @@ def throw(start, velocity):
 
 
 @pytest.mark.parametrize("tilt", [-20.0, -30.0], ids=["before a wall", "before a globe"])
-def test_flights_tell_gravity_where_no_floor_is_seen(view, shapes, tilt) -> None:
+def test_flights_tell_gravity_where_no_floor_is_seen(
+    make_small_room, shapes, tilt, pipeline
+) -> None:
     """A camera that looks up sees no floor. After two throws states are those of flight."""
     walls = [((-1.0, 0.0, 0.0), -3.2)] if tilt == -20.0 else []
     globe = [] if walls else [shapes["ball"]((3.0, 1.2, 2.3), 0.6)]
-    room = view(tilt=tilt, height=0.8, walls=walls)
-    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
+    room = make_small_room(tilt=tilt, height=0.8, walls=walls)
     watch = partial(play, pipeline, room, extra=globe)
     first = watch(0.4, 0.0)[-1].model
     assert first is not None

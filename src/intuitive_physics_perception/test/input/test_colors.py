@@ -113,8 +113,8 @@ def test_the_colour_of_a_ball_is_that_of_the_readings_on_it() -> None:
     assert with_color(ball, outside, points[None], colors[None]).color is None
 
 
-def test_geometry_is_the_same_to_the_bit_with_and_without_colours(make_room) -> None:
-    room = make_room(tilt=25.0, seed=5, width=320, height_pixels=240, focal=262.5)
+def test_geometry_is_the_same_to_the_bit_with_and_without_colours(make_small_room) -> None:
+    room = make_small_room(tilt=25.0, seed=5)
     places = [()] * 4 + [[((1.4, -0.3 + 0.03 * k, 0.45), 0.07)] for k in range(6)]
     frames = [room.points(balls) for balls in places]
     green = np.zeros(frames[0].shape, np.uint8)

@@ -14,9 +14,6 @@ from intuitive_physics_ros.conversions import stamp_from_seconds
 FRAMES = 4
 """From which the node models the environment."""
 
-SMALL = {"width": 320, "height_pixels": 240, "focal": 262.0}
-"""Of the camera."""
-
 STEP = 0.05
 """s from image to image."""
 

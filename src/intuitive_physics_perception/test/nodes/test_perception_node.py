@@ -36,7 +36,6 @@ from intuitive_physics_ros.scripting import NodeProcess, Peer
 
 from .camera_messages import (
     FRAMES,
-    SMALL,
     STEP,
     cloud_message,
     image_message,
@@ -68,8 +67,8 @@ def peer(node):
 
 
 @pytest.fixture(scope="module")
-def room(corner_model):
-    return corner_model[0].__class__(tilt=25.0, seed=5, **SMALL)
+def room(make_small_room):
+    return make_small_room(tilt=25.0, seed=5)
 
 
 def exact(stamp: Time) -> tuple[int, int]:
@@ -345,11 +344,11 @@ def test_no_image_makes_the_node_fall_or_hang(peer, node, room) -> None:
     assert "internal error" not in node.output
 
 
-def test_a_moved_camera_is_named_and_modelled_anew(peer, node, room) -> None:
+def test_a_moved_camera_is_named_and_modelled_anew(peer, node, make_small_room) -> None:
     environments = peer.listen(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
     images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     peer.spin_until(lambda: environments, "the environment")
-    moved = room.__class__(tilt=33.0, height=0.9, seed=6, **SMALL).depth()
+    moved = make_small_room(tilt=33.0, height=0.9, seed=6).depth()
     play_until(
         peer,
         images,

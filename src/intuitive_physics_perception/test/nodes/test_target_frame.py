@@ -34,7 +34,6 @@ from intuitive_physics_ros.scripting import NodeProcess, Peer
 
 from .camera_messages import (
     FRAMES,
-    SMALL,
     STEP,
     image_message,
     info_message,
@@ -74,8 +73,8 @@ def peer(node) -> Iterator[Peer]:
 
 
 @pytest.fixture(scope="module")
-def room(corner_model):
-    return corner_model[0].__class__(tilt=25.0, seed=5, **SMALL)
+def room(make_small_room):
+    return make_small_room(tilt=25.0, seed=5)
 
 
 def camera_in(base: RigidTransform, room) -> RigidTransform:
@@ -215,10 +214,10 @@ def carried(room, k: int) -> RigidTransform:
     "parameters", [["-p", f"environment_frames:={FRAMES}", "-p", "fixed_frame:=base_link"]]
 )
 def test_a_camera_that_is_carried_sees_everything_where_it_is(
-    peer, node, parameters, corner_model
+    peer, node, parameters, make_small_room
 ) -> None:
     """p0 + v t - g t²/2 in the frame that stands still, whatever the camera does meanwhile."""
-    room = corner_model[0].__class__(tilt=25.0, seed=5, **SMALL)
+    room = make_small_room(tilt=25.0, seed=5)
     room.first, room.camera_rays = room.rotation, room.rays @ room.rotation
     environments = peer.listen(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
     states = peer.listen(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)

@@ -10,7 +10,6 @@ from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.foreground import Clusters, ForegroundFinder
 from intuitive_physics_perception.detection.spheres import RecentFrames, SphereFinder
-from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.tracker import Tracker
 
@@ -90,9 +89,8 @@ def thrown_by_a_palm(room, shapes) -> tuple[list, float]:
     return frames, 4 * STEP + release
 
 
-def test_an_observation_begins_where_a_palm_lets_go(make_room, shapes) -> None:
+def test_an_observation_begins_where_a_palm_lets_go(make_room, shapes, pipeline) -> None:
     frames, release = thrown_by_a_palm(make_room(tilt=20.0, height=1.0, seed=2, **SMALL), shapes)
-    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
     observations = []
     for k, frame in enumerate(frames):
         observations += pipeline.process(frame, k * STEP).observations

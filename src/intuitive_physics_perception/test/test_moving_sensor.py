@@ -110,15 +110,15 @@ def test_a_throw_that_a_moving_head_follows(head) -> None:
     # From the environment's frame to the fixed one: found once, where the sensor stood.
     first_pose = results[0][0]
     to_fixed = first_pose.after(models[0].model.sensor_pose.inverse)
-    seen = 0
+    states = 0
     for k, (pose, result) in enumerate(results[FIRST : FIRST + 2 + FALL], FIRST):
         same = pose.after(result.model.sensor_pose.inverse)
         assert to_fixed.difference(same) == pytest.approx((0.0, 0.0), abs=1e-6)
-        for one in result.objects:
+        for item in result.objects:
             truth = WORLD_IN_FIXED.points(place_at((k - FIRST - 2) * STEP))
-            assert to_fixed.points(one.state.position) == pytest.approx(truth, abs=0.02)
-            seen += 1
-    assert seen >= FALL - 3
+            assert to_fixed.points(item.state.position) == pytest.approx(truth, abs=0.02)
+            states += 1
+    assert states >= FALL - 3
     (observation,) = [found for _, result in results for found in result.observations]
     (ball,) = observation.objects
     times = ball.trajectory.times - (FIRST + 2) * STEP
@@ -137,13 +137,13 @@ def test_without_poses_the_same_frames_are_a_moved_sensor(head) -> None:
 
 
 @pytest.mark.parametrize("things", [(), CLUTTER], ids=["empty", "cluttered"])
-def test_nothing_is_followed_where_nothing_moves_but_the_head(head, things) -> None:
+def test_nothing_is_followed_where_nothing_moves_but_the_head(head, clutter) -> None:
     pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
     for k in range(45):
         time = max(0.0, (k - FIRST) * STEP)
         swing = np.sin(2.0 * time)
         pose = head.go([0.2 * swing, 0.4 * swing, 0.1 * swing], [5.0 * swing, -15.0 * swing, 0.0])
-        result = pipeline.process(head.look(extra=things), k * STEP, None, pose)
+        result = pipeline.process(head.look(extra=clutter), k * STEP, None, pose)
         assert result.objects == (), f"frame {k}"
         assert not result.moved
 

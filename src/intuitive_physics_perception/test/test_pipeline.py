@@ -51,9 +51,9 @@ def test_a_throw_from_frames_to_observation(recording) -> None:
     truth = model.to_environment(room.to_camera(places))
     # States follow the ball from its third frame on.
     for k in range(3, len(places)):
-        (seen,) = perceived[8 + k].objects
-        assert seen.object.id == "sphere_1"
-        assert np.linalg.norm(seen.state.position - truth[k]) < 0.01
+        (item,) = perceived[8 + k].objects
+        assert item.object.id == "sphere_1"
+        assert np.linalg.norm(item.state.position - truth[k]) < 0.01
     (observation,) = [found for p in perceived for found in p.observations]
     (ball,) = observation.objects
     assert observation.start_time == pytest.approx(100.0 + 8 * STEP, abs=1.5 * STEP)
@@ -128,8 +128,8 @@ def test_bad_frames_are_named_and_do_no_harm(recording, pipeline) -> None:
     play(frames[:16], 10.0, pipeline)
     assert "same time" in pipeline.process(frames[16], 10.0 + 15 * STEP).diagnostics.problem
     assert "no reading" in pipeline.process(nothing, 10.0 + 16 * STEP).diagnostics.problem
-    seen = pipeline.process(frames[17], 10.0 + 17 * STEP)
-    assert [o.object.id for o in seen.objects] == ["sphere_1"]
+    result = pipeline.process(frames[17], 10.0 + 17 * STEP)
+    assert [o.object.id for o in result.objects] == ["sphere_1"]
     with pytest.raises(InvalidInputError, match="finite"):
         pipeline.process(frames[0], float("nan"))
 
@@ -179,37 +179,37 @@ def test_a_thrown_box_or_capsule_goes_through_the_same_door(make_room, shapes, k
     perceived = solid_states(room, shape_at, times)
     model = perceived[3].model
     into = model.rotation @ room.rotation.T
-    (seen,) = perceived[8 + len(times) - 1].objects
-    assert seen.object.shape.kind == kind
+    (item,) = perceived[8 + len(times) - 1].objects
+    assert item.object.shape.kind == kind
     truth = model.to_environment(room.to_camera(place(times[-1])))
-    assert np.linalg.norm(seen.state.position - truth) < 0.02
+    assert np.linalg.norm(item.state.position - truth) < 0.02
     velocity = into @ (v0 - [0, 0, 9.81 * times[-1]])
-    assert np.linalg.norm(seen.state.linear_velocity - velocity) < 0.25
-    own, true = rotation_matrix(seen.state.orientation), into @ turned(times[-1])
+    assert np.linalg.norm(item.state.linear_velocity - velocity) < 0.25
+    axes_seen, true = rotation_matrix(item.state.orientation), into @ turned(times[-1])
     if kind == "box":
-        assert np.sort(seen.object.shape.edge_lengths) == pytest.approx([0.1, 0.14, 0.2], abs=0.02)
-        assert np.abs(own.T @ true).max(axis=1) == pytest.approx(np.ones(3), abs=0.01)
-        error = seen.state.angular_velocity - into @ spin
+        assert np.sort(item.object.shape.edge_lengths) == pytest.approx([0.1, 0.14, 0.2], abs=0.02)
+        assert np.abs(axes_seen.T @ true).max(axis=1) == pytest.approx(np.ones(3), abs=0.01)
+        error = item.state.angular_velocity - into @ spin
     else:
-        assert seen.object.shape.radius == pytest.approx(0.05, abs=0.004)
-        assert abs(own[:, 2] @ true[:, 2]) > 0.99
+        assert item.object.shape.radius == pytest.approx(0.05, abs=0.004)
+        assert abs(axes_seen[:, 2] @ true[:, 2]) > 0.99
         # How it turns about its own axis cannot be seen.
         across = np.eye(3) - np.outer(true[:, 2], true[:, 2])
-        error = across @ (seen.state.angular_velocity - into @ spin)
-    spread = np.sqrt(np.trace(seen.state.covariance[9:, 9:]))
+        error = across @ (item.state.angular_velocity - into @ spin)
+    spread = np.sqrt(np.trace(item.state.covariance[9:, 9:]))
     assert np.linalg.norm(error) < min(3.0 * spread, 2.0)
     (observation,) = [found for p in perceived for found in p.observations]
-    (thing,) = observation.objects
-    assert thing.object.shape.kind == kind
+    (observed,) = observation.objects
+    assert observed.object.shape.kind == kind
     begun = observation.start_time - 8 * STEP
     there = model.to_environment(room.to_camera(place(begun)))
-    assert np.linalg.norm(thing.initial_state.position - there) < 0.02
-    axes = rotation_matrix(thing.initial_state.orientation).T @ into @ turned(begun)
+    assert np.linalg.norm(observed.initial_state.position - there) < 0.02
+    axes = rotation_matrix(observed.initial_state.orientation).T @ into @ turned(begun)
     assert np.abs(axes).max() > 0.98
-    seen_at = thing.detections.times - 8 * STEP
+    seen_at = observed.detections.times - 8 * STEP
     true_places = model.to_environment(room.to_camera(np.stack([place(t) for t in seen_at])))
-    off = (thing.detections.positions - true_places)[:, :, None]
-    spread = thing.detections.covariances + thing.detections.bias
+    off = (observed.detections.positions - true_places)[:, :, None]
+    spread = observed.detections.covariances + observed.detections.bias
     squares = (off * np.linalg.solve(spread, off)).sum(axis=(1, 2))
     # The median of χ² with 3 degrees of freedom is 2.4. That of a box is less, as its readings tell
     # where it ends better than their spacing, by which its covariance goes.

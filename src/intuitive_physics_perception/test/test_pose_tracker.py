@@ -90,15 +90,15 @@ def test_a_throw_becomes_one_observation_of_the_named_object() -> None:
     assert not observations
     observations += tracker.finish()
     (observation,) = observations
-    (seen,) = observation.objects
-    assert seen.object == SceneObject("tagged", "wood", SHAPES[0])
+    (item,) = observation.objects
+    assert item.object == SceneObject("tagged", "wood", SHAPES[0])
     assert observation.environment.frame_id == "lab"
-    since = seen.trajectory.times - 0.4
+    since = item.trajectory.times - 0.4
     expected = start + np.outer(since, velocity) + 0.5 * np.outer(since**2, GRAVITY)
     flown = since > 0.0
-    assert seen.trajectory.positions[flown] == pytest.approx(expected[flown], abs=0.01)
-    assert seen.detections is not None
-    assert np.sqrt(np.median(seen.detections.covariances[:, 0, 0])) == pytest.approx(
+    assert item.trajectory.positions[flown] == pytest.approx(expected[flown], abs=0.01)
+    assert item.detections is not None
+    assert np.sqrt(np.median(item.detections.covariances[:, 0, 0])) == pytest.approx(
         POSITION_NOISE, rel=0.5
     )
     assert observation.start_time == pytest.approx(0.4, abs=0.05)
@@ -116,7 +116,7 @@ def test_objects_are_never_confused_where_they_meet() -> None:
         }
         tracker.update(t, poses)
     objects, states = tracker.states()
-    assert [one.id for one in objects] == ["a", "b"]
+    assert [item.id for item in objects] == ["a", "b"]
     assert states[0].linear_velocity[0] == pytest.approx(2.0, abs=0.1)
     assert states[1].linear_velocity[0] == pytest.approx(-2.0, abs=0.1)
 
@@ -125,11 +125,11 @@ def test_what_is_hidden_is_carried_on_and_then_lost() -> None:
     rng = np.random.default_rng(2)
     tracker = PoseTracker(environment(), [tagged(name) for name in "ab"])
     flight(tracker, "a", rng, duration=0.3)
-    assert [one.id for one in tracker.states()[0]] == ["a"]
+    assert [item.id for item in tracker.states()[0]] == ["a"]
     still = Rotation.identity()
     for k in range(100):
         tracker.update(0.3 + k / RATE, {"b": measured((0, 0, 0.1), still, rng)})
-    assert [one.id for one in tracker.states()[0]] == ["b"]
+    assert [item.id for item in tracker.states()[0]] == ["b"]
 
 
 def test_time_that_goes_back_begins_anew() -> None:

@@ -23,9 +23,9 @@ def searched_in(memory: ClusterMemory[str], frames: int) -> int:
     """In how many of some frames a cluster that is always there is searched."""
     count = 0
     for _ in range(frames):
-        known = memory.recall(CLUSTER)
-        count += known.deserves_a_search
-        memory.keep(known, "box")
+        cluster = memory.recall(CLUSTER)
+        count += cluster.deserves_a_search
+        memory.keep(cluster, "box")
         memory.end_frame()
     return count
 
@@ -42,18 +42,18 @@ def test_what_was_away_for_a_short_time_is_known_again(gap: int) -> None:
     searched_in(memory, FIRST_SEARCHES)
     for _ in range(gap):
         memory.end_frame()
-    known = memory.recall(CLUSTER)
-    assert known.deserves_a_search == (gap > FRAMES_REMEMBERED)
-    assert known.found == (None if gap > FRAMES_REMEMBERED else "box")
+    cluster = memory.recall(CLUSTER)
+    assert cluster.deserves_a_search == (gap > FRAMES_REMEMBERED)
+    assert cluster.result == (None if gap > FRAMES_REMEMBERED else "box")
 
 
 @given(waits=st.integers(0, 40))
 def test_waiting_takes_no_search_away(waits: int) -> None:
     memory: ClusterMemory[str] = ClusterMemory(STILLNESS, NOISE)
     for _ in range(waits):
-        known = memory.recall(CLUSTER)
-        assert known.deserves_a_search
-        memory.postpone(known)
+        cluster = memory.recall(CLUSTER)
+        assert cluster.deserves_a_search
+        memory.postpone(cluster)
         memory.end_frame()
     assert searched_in(memory, FIRST_SEARCHES) == FIRST_SEARCHES
 
@@ -62,7 +62,7 @@ def test_what_moved_or_grew_is_new() -> None:
     for other in (CLUSTER + 2.0 * STILLNESS, np.concatenate([CLUSTER, CLUSTER])):
         memory: ClusterMemory[str] = ClusterMemory(STILLNESS, NOISE)
         searched_in(memory, 2 * FIRST_SEARCHES)
-        assert memory.recall(other).found is None
+        assert memory.recall(other).result is None
 
 
 def test_noise_makes_no_new_cluster_of_what_is_far() -> None:
@@ -70,27 +70,27 @@ def test_noise_makes_no_new_cluster_of_what_is_far() -> None:
     rng = np.random.default_rng(1)
     noise = RangeNoise(0.03, 0.0, 1.0, 0.0, correlated=8.0)
     memory: ClusterMemory[str] = ClusterMemory(0.001, noise)
-    fresh = 0
+    new_clusters = 0
     for _ in range(200):
         errors = np.repeat(rng.normal(0.0, 0.03, size=25), 8)
-        known = memory.recall(CLUSTER + [0.0, 0.0, 3.0] + errors[:, None] * [0.0, 0.0, 1.0])
-        fresh += known.frames == 0
-        memory.keep(known, "box")
+        cluster = memory.recall(CLUSTER + [0.0, 0.0, 3.0] + errors[:, None] * [0.0, 0.0, 1.0])
+        new_clusters += cluster.frames == 0
+        memory.keep(cluster, "box")
         memory.end_frame()
     # The first, and 0.3 % of the others by a normal distribution.
-    assert fresh <= 4
+    assert new_clusters <= 4
 
 
 @given(results=st.lists(st.booleans(), min_size=1, max_size=30))
 def test_successes_are_counted_as_long_as_a_cluster_stays(results: list[bool]) -> None:
     memory: ClusterMemory[None] = ClusterMemory(STILLNESS, NOISE)
     for result in results:
-        known = memory.recall(CLUSTER).after_search(success=result)
-        assert not result or known.deserves_a_search
-        memory.keep(known, None)
+        cluster = memory.recall(CLUSTER).after_search(success=result)
+        assert not result or cluster.deserves_a_search
+        memory.keep(cluster, None)
         memory.end_frame()
-    known = memory.recall(CLUSTER)
-    assert (known.searches, known.successes) == (len(results), sum(results))
+    cluster = memory.recall(CLUSTER)
+    assert (cluster.searches, cluster.successes) == (len(results), sum(results))
 
 
 @given(order=st.permutations([0, 1, 2, 3]))
@@ -98,9 +98,9 @@ def test_what_waits_is_counted_until_it_is_searched(order: list[int]) -> None:
     memory: ClusterMemory[None] = ClusterMemory(STILLNESS, NOISE)
     for waits in order:
         for k in range(waits):
-            known = memory.recall(CLUSTER)
-            assert known.waited == k
-            memory.postpone(known)
+            cluster = memory.recall(CLUSTER)
+            assert cluster.waited == k
+            memory.postpone(cluster)
             memory.end_frame()
         memory.keep(memory.recall(CLUSTER), None)
         memory.end_frame()

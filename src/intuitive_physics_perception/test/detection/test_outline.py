@@ -113,22 +113,23 @@ def spheres(
     for k in range(4):
         model = pipeline.process(frame(first, rng), 0.03 * k).model
     assert model is not None
-    found = []
+    to_sensor = model.rotation.T, -model.translation @ model.rotation
+    by_frame = []
     for k in range(frames):
         result = pipeline.process(frame(then, rng), 0.2 + 0.03 * k)
-        seen = [s for s in result.detections if isinstance(s, DetectedSphere)]
-        found.append([s.moved(model.rotation.T, -model.translation @ model.rotation) for s in seen])
-    return found
+        spheres_now = [s for s in result.detections if isinstance(s, DetectedSphere)]
+        by_frame.append([s.moved(*to_sensor) for s in spheres_now])
+    return by_frame
 
 
-def all_are_found(found, balls) -> bool:
+def all_are_found(by_frame, balls) -> bool:
     """Whether each frame but the first two shows exactly these balls (centre, radius)."""
     return all(
-        len(seen) == len(balls)
+        len(group) == len(balls)
         and all(
-            any(np.linalg.norm(s.center - np.array(c)) < 0.3 * r for s in seen) for c, r in balls
+            any(np.linalg.norm(s.center - np.array(c)) < 0.3 * r for s in group) for c, r in balls
         )
-        for seen in found[2:]
+        for group in by_frame[2:]
     )
 
 
@@ -165,41 +166,41 @@ def test_a_ball_before_a_wall_is_found_wherever_it_is(radius, gap, x, y) -> None
 def test_of_two_balls_that_touch_both_are_found(radius, angle, depth) -> None:
     away = radius * np.array([np.cos(angle), np.sin(angle), 0.0])
     balls = [(tuple(np.array([0.0, 0.0, depth]) + side * away), radius) for side in (-1, 1)]
-    assert all_are_found(spheres([], [ball(*one) for one in balls]), balls)
+    assert all_are_found(spheres([], [ball(*sphere) for sphere in balls]), balls)
 
 
 def test_a_ball_that_touches_a_box_is_found() -> None:
-    things = [box([0.0, 0.15, 1.0], [0.4, 0.1, 0.2])]
+    boxes = [box([0.0, 0.15, 1.0], [0.4, 0.1, 0.2])]
     center, radius = (0.05, 0.05, 1.0), 0.05
-    found = spheres(things, [*things, ball(center, radius)])
-    assert all_are_found(found, [(center, radius)])
+    by_frame = spheres(boxes, [*boxes, ball(center, radius)])
+    assert all_are_found(by_frame, [(center, radius)])
 
 
-def looked_at(before: NDArray[np.float32], shapes: Sequence[Shape], sphere: Sequence[float]):
+def outline_view(before: NDArray[np.float32], shapes: Sequence[Shape], sphere: Sequence[float]):
     points = frame(shapes, np.random.default_rng(0)).reshape(-1, 3)
-    own = points[:, 2] < WALL - 0.05
+    inside = points[:, 2] < WALL - 0.05
     noise = np.square([NOISE, 0.0, 1.0, 1e-4])
-    return look_round_outline(points, own, before.ravel(), np.array(sphere), 1.0 / FOCAL, noise)
+    return look_round_outline(points, inside, before.ravel(), np.array(sphere), 1.0 / FOCAL, noise)
 
 
 def test_the_ring_tells_a_ball_from_a_bulge() -> None:
     unknown = np.full((HEIGHT, WIDTH), np.nan, dtype=np.float32)
     sphere = [0.0, 0.0, 1.0, 0.08]
-    seen = looked_at(unknown, [ball(sphere[:3], 0.08)], sphere)
-    assert (seen.goes_on, seen.level, seen.ends, seen.new) == (0.0, 0.0, 1.0, 1.0)
+    view = outline_view(unknown, [ball(sphere[:3], 0.08)], sphere)
+    assert (view.goes_on, view.level, view.ends, view.new) == (0.0, 0.0, 1.0, 1.0)
     # Half of a ball on a plate through its centre: the plate goes on all round.
     plate = box([0.0, 0.0, 1.05], [0.5, 0.5, 0.1])
-    seen = looked_at(unknown, [ball(sphere[:3], 0.08), plate], sphere)
-    assert (seen.goes_on, seen.level, seen.ends) == (1.0, 1.0, 0.0)
+    view = outline_view(unknown, [ball(sphere[:3], 0.08), plate], sphere)
+    assert (view.goes_on, view.level, view.ends) == (1.0, 1.0, 0.0)
 
 
 def test_what_was_read_before_is_not_new() -> None:
     sphere = [0.0, 0.0, 1.0, 0.08]
     shapes = [ball(sphere[:3], 0.08)]
     there = np.linalg.norm(frame(shapes, np.random.default_rng(1)), axis=2)
-    assert looked_at(there, shapes, sphere).new < 0.05
+    assert outline_view(there, shapes, sphere).new < 0.05
     wall = np.linalg.norm(frame([], np.random.default_rng(1)), axis=2)
-    assert looked_at(wall, shapes, sphere).new > 0.95
+    assert outline_view(wall, shapes, sphere).new > 0.95
 
 
 def test_patches_of_a_ball_have_the_errors_of_the_noise_and_those_of_an_ellipsoid_more() -> None:
@@ -207,6 +208,6 @@ def test_patches_of_a_ball_have_the_errors_of_the_noise_and_those_of_an_ellipsoi
     sphere = [0.0, 0.0, 1.0, 0.08]
     for stretch, least, most in ((1.0, 0.5, 2.0), (1.1, 5.0, np.inf)):
         shape = ellipsoid(sphere[:3], [0.08 * stretch, 0.08, 0.08])
-        patches = looked_at(unknown, [shape], sphere).patches
+        patches = outline_view(unknown, [shape], sphere).patches
         readings, errors, variances = patches[patches[:, 0] > 0].T
         assert least < np.mean(errors**2 * readings / variances) < most

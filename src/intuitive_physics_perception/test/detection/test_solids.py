@@ -27,8 +27,8 @@ def find(corner_model):
 
     def solids(*shapes, balls=()):
         points = room.points(balls, shapes)
-        found = finder.find(points, foreground.find(points).indices)
-        return [solid.moved(room.rotation, room.origin) for solid in found if solid is not None]
+        fits = finder.find(points, foreground.find(points).indices)
+        return [solid.moved(room.rotation, room.origin) for solid in fits if solid is not None]
 
     return solids
 
@@ -121,8 +121,8 @@ def test_a_static_box_of_the_environment_is_no_object(corner_model, shapes) -> N
     clusters = ForegroundFinder(model, SETTINGS).find(points).indices
     for world, count in ((model, 1), (furnished(corner_model, place, edges, 0.7), 0)):
         finder = SolidFinder(world, SETTINGS, np.random.default_rng(4))
-        found = [solid for solid in finder.find(points, clusters) if solid is not None]
-        assert len(found) == count
+        solids = [solid for solid in finder.find(points, clusters) if solid is not None]
+        assert len(solids) == count
 
 
 def test_a_crate_is_a_static_box_and_a_ball_before_it_or_on_it_is_not(corner_model, shapes) -> None:
@@ -138,5 +138,5 @@ def test_a_crate_is_a_static_box_and_a_ball_before_it_or_on_it_is_not(corner_mod
         assert len(clusters.indices) == len(balls)
         if balls:
             center = room.to_camera(np.array(balls[0][0]))
-            own = points.reshape(-1, 3)[clusters.indices[0]]
-            assert np.linalg.norm(own - center, axis=1).min() < 0.055
+            readings = points.reshape(-1, 3)[clusters.indices[0]]
+            assert np.linalg.norm(readings - center, axis=1).min() < 0.055

@@ -164,16 +164,19 @@ def test_a_known_radius_places_a_hidden_ball_better(corner_model, make_room, sha
         box = shapes["box"](center - [0.4, -0.055, 0.0], (0.05, 0.1, 0.4), 0.0)
         frames.append(room.points([(center, 0.07)], [box]))
     errors, counts = {}, {}
-    for known in ((), (KnownObject("small", 0.03, "wood"), KnownObject("large", 0.07, "foam"))):
-        settings = replace(SETTINGS, known_objects=known)
+    for objects in (
+        (),
+        (KnownObject("small", 0.03, "wood"), KnownObject("large", 0.07, "foam")),
+    ):
+        settings = replace(SETTINGS, known_objects=objects)
         finder = SphereFinder(model.noise, settings, np.random.default_rng(4))
-        own = []
+        misses = []
         for center, points in zip(centers, frames, strict=True):
-            found = finder.find(points, foreground.find(points))
-            for sphere in (sphere for part in found for sphere in part.spheres):
-                own.append(room.rotation @ sphere.center + room.origin - center)
-        counts[bool(known)] = len(own)
-        errors[bool(known)] = np.sqrt(np.square(own).sum(axis=1).mean())
+            parts = finder.find(points, foreground.find(points))
+            for sphere in (sphere for part in parts for sphere in part.spheres):
+                misses.append(room.rotation @ sphere.center + room.origin - center)
+        counts[bool(objects)] = len(misses)
+        errors[bool(objects)] = np.sqrt(np.square(misses).sum(axis=1).mean())
     assert min(counts.values()) >= 8
     assert errors[True] < 0.9 * errors[False]
 
@@ -187,18 +190,18 @@ def test_a_known_radius_places_a_hidden_ball_better(corner_model, make_room, sha
     ids=["apart", "touching"],
 )
 def test_several_balls_at_once(find, balls) -> None:
-    found = find(balls)
-    assert len(found) == len(balls)
+    detected = find(balls)
+    assert len(detected) == len(balls)
     for center, radius in balls:
-        assert min(np.linalg.norm(place - center) for place, _ in found) < 0.005
-        assert min(abs(sphere.radius - radius) for _, sphere in found) < 0.002
+        assert min(np.linalg.norm(place - center) for place, _ in detected) < 0.005
+        assert min(abs(sphere.radius - radius) for _, sphere in detected) < 0.002
 
 
 def test_a_ball_half_hidden_by_a_box(find, shapes) -> None:
     box = shapes["box"]((1.2, 0.05, 0.45), (0.05, 0.1, 0.4), 0.0)
-    found = find([((1.6, 0.0, 0.4), 0.07)], [box])
-    assert len(found) == 1
-    assert found[0][0] == pytest.approx([1.6, 0.0, 0.4], abs=0.008)
+    detected = find([((1.6, 0.0, 0.4), 0.07)], [box])
+    assert len(detected) == 1
+    assert detected[0][0] == pytest.approx([1.6, 0.0, 0.4], abs=0.008)
 
 
 def test_a_ball_cut_by_the_edge_of_the_image(corner_model, find) -> None:

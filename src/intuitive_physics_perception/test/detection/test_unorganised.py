@@ -27,16 +27,16 @@ def test_what_lies_before_planes_is_what_no_pixel_has_behind_its_free_range(
     rng = np.random.default_rng(seed)
     points = (rng.normal(size=(400, 3)) * scale * [0.5, 0.4, 1.0]).astype(np.float32)
     points[rng.random(400) < 0.1] = np.nan
-    found = ForegroundFinder(model, SETTINGS).find(points[None])
+    clusters = ForegroundFinder(model, SETTINGS).find(points[None])
     read = np.flatnonzero(np.isfinite(points[:, 2]))
     ranges = np.linalg.norm(points[read].astype(np.float64), axis=1)
     in_range = (ranges >= SETTINGS.min_range) & (ranges <= SETTINGS.max_range)
     free = free_ranges(points[read], model.detected, model.noise, SETTINGS)
-    assert found.readings == in_range.sum()
+    assert clusters.readings == in_range.sum()
     # Single precision decides otherwise within a part in 100,000 of a metre, or at an outline.
     unsure = np.abs(ranges - free) < 1e-4
     expected = int((in_range & (ranges < free)).sum())
-    assert abs(found.foreground - expected) <= int(unsure.sum()) + 1
+    assert abs(clusters.foreground - expected) <= int(unsure.sum()) + 1
 
 
 @pytest.mark.parametrize(("window", "expected"), [(1, 1.0), (2, 4.0), (3, 9.0)])
@@ -54,8 +54,8 @@ def test_the_correlation_of_errors_is_measured_on_planes(window, expected, rng) 
     errors = views.mean(axis=(2, 3))[:side, :side].ravel() * window
     order = rng.permutation(side * side)
     noise = RangeNoise(0.002, 0.0015, 0.05, 0.0008, 2.0)
-    found = noise.with_correlation_on_surfaces(points[order], errors[order], spacing)
-    assert 0.5 * expected < found.correlated < 1.5 * expected
+    measured = noise.with_correlation_on_surfaces(points[order], errors[order], spacing)
+    assert 0.5 * expected < measured.correlated < 1.5 * expected
     few = noise.with_correlation_on_surfaces(points[:40], errors[:40], spacing)
     assert few.correlated == 2.0
 
@@ -67,11 +67,11 @@ def test_a_cone_holds_what_is_near_its_axis(seed, angle) -> None:
     points[::7] = np.nan
     axis = rng.normal(size=3)
     axis = (axis / np.linalg.norm(axis)).astype(np.float32)
-    found = readings_in_cone(points, axis, np.float32(np.cos(angle) ** 2))
+    indices = readings_in_cone(points, axis, np.float32(np.cos(angle) ** 2))
     cosines = points @ axis / np.linalg.norm(points, axis=1)
     sure = np.abs(cosines - np.cos(angle)) > 1e-5
     inside = np.zeros(300, dtype=bool)
-    inside[found] = True
+    inside[indices] = True
     with np.errstate(invalid="ignore"):
         assert np.array_equal(inside[sure], (cosines > np.cos(angle))[sure])
 
@@ -82,12 +82,12 @@ def test_a_shuffled_cloud_has_the_ball_of_its_image(corner_model) -> None:
     room, model = corner_model
     image = room.points([((1.4, 0.1, 0.3), 0.07)])
     cloud = np.random.default_rng(0).permutation(image.reshape(-1, 3))[None]
-    found = []
+    spheres = []
     for points in (image, cloud):
         clusters = ForegroundFinder(model, SETTINGS).find(points)
         finder = SphereFinder(model.noise, SETTINGS, np.random.default_rng(1))
-        ((one,),) = [part.spheres for part in finder.find(points, clusters) if part.spheres]
-        found.append(one)
-    assert clusters.foreground == pytest.approx(found[0].points, rel=0.3)
-    assert np.linalg.norm(found[0].center - found[1].center) < 0.004
-    assert found[0].radius == pytest.approx(found[1].radius, abs=0.004)
+        ((sphere,),) = [part.spheres for part in finder.find(points, clusters) if part.spheres]
+        spheres.append(sphere)
+    assert clusters.foreground == pytest.approx(spheres[0].points, rel=0.3)
+    assert np.linalg.norm(spheres[0].center - spheres[1].center) < 0.004
+    assert spheres[0].radius == pytest.approx(spheres[1].radius, abs=0.004)

@@ -70,15 +70,15 @@ def test_a_small_move_is_noticed(camera, change, pipeline) -> None:
 def test_someone_before_the_camera_is_no_move(camera, shapes, pipeline) -> None:
     play(pipeline, camera.frames(4), 0.0)
     person = shapes["cylinder"](1.2, 0.1, 0.15, 1.8)
-    seen = play(pipeline, camera.frames(10, extra=[person]), 1.0)
-    assert not any(perceived.moved for perceived in seen)
+    results = play(pipeline, camera.frames(10, extra=[person]), 1.0)
+    assert not any(result.moved for result in results)
 
 
 def test_a_short_cover_of_the_camera_is_no_move(camera, shapes, pipeline) -> None:
     play(pipeline, camera.frames(4), 0.0)
     hand = shapes["box"]((0.4, 0.0, 0.6), (0.05, 1.0, 1.0), 0.0)
-    seen = play(pipeline, [*camera.frames(4, extra=[hand]), *camera.frames(4)], 1.0)
-    assert not any(perceived.moved for perceived in seen)
+    results = play(pipeline, [*camera.frames(4, extra=[hand]), *camera.frames(4)], 1.0)
+    assert not any(result.moved for result in results)
 
 
 def test_the_check_can_be_switched_off(corner_model, camera) -> None:
@@ -88,7 +88,9 @@ def test_the_check_can_be_switched_off(corner_model, camera) -> None:
     assert [check.moved(elsewhere, time) for time in (0.0, 10.0)] == ["", ""]
 
 
-def test_time_that_jumps_back_begins_anew_and_blind_frames_tell_nothing(corner_model, camera):
+def test_time_that_jumps_back_restarts_the_check_and_blind_frames_do_not_count(
+    corner_model, camera
+):
     check = EnvironmentCheck(corner_model[1], SETTINGS)
     elsewhere = camera.frames(1, tilt=33.0)[0]
     assert not check.moved(elsewhere, 10.0)

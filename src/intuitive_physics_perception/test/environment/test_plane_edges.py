@@ -22,8 +22,8 @@ edge is a line through many of them; what noise and unevenness let pass for the 
 
 
 def modelled(room, *boxes, frames=6):
-    seen = [room.points(extra=boxes) for _ in range(frames)]
-    return model_environment(seen, PerceptionSettings(), np.random.default_rng(1))
+    clouds = [room.points(extra=boxes) for _ in range(frames)]
+    return model_environment(clouds, PerceptionSettings(), np.random.default_rng(1))
 
 
 def perceived(room, *boxes):
@@ -119,14 +119,14 @@ def area(corners) -> float:
 
 
 def test_a_round_table_is_a_polygon_of_its_size(rng) -> None:
-    seen = scattered(rng, lambda places: np.linalg.norm(places, axis=1) < 0.6)
-    polygon = boundary_polygon(seen, hull(seen.surface))
+    around = scattered(rng, lambda places: np.linalg.norm(places, axis=1) < 0.6)
+    polygon = boundary_polygon(around, hull(around.surface))
     assert area(polygon) == pytest.approx(np.pi * 0.6**2, rel=0.05)
 
 
 def test_what_is_not_convex_has_no_boundary_that_would_cut_it(rng) -> None:
-    seen = scattered(rng, lambda p: (np.abs(p).max(axis=1) < 0.7) & ~((p > 0.0).all(axis=1)))
-    polygon = boundary_polygon(seen, hull(seen.surface))
+    around = scattered(rng, lambda p: (np.abs(p).max(axis=1) < 0.7) & ~((p > 0.0).all(axis=1)))
+    polygon = boundary_polygon(around, hull(around.surface))
     assert polygon is None or area(polygon) > 3 * 0.7**2
 
 
@@ -149,8 +149,8 @@ def test_a_boundary_is_convex_turns_left_and_holds_the_rectangle(
         strays = rng.random(len(places)) < stray
         return (np.abs(own) < 0.5 * np.array([width, depth])).all(axis=1) ^ strays
 
-    seen = scattered(rng, inside)
-    polygon = boundary_polygon(seen, hull(seen.surface))
+    around = scattered(rng, inside)
+    polygon = boundary_polygon(around, hull(around.surface))
     if polygon is None:
         assert stray > 0.0
         return

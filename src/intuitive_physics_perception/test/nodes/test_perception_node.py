@@ -344,7 +344,7 @@ def test_no_image_makes_the_node_fall_or_hang(peer, node, room) -> None:
     assert "internal error" not in node.output
 
 
-def test_a_moved_camera_is_named_and_modelled_anew(peer, node, make_small_room) -> None:
+def test_a_moved_camera_is_named_and_modelled_again(peer, node, make_small_room) -> None:
     environments = peer.listen(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
     images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     peer.spin_until(lambda: environments, "the environment")

@@ -32,11 +32,11 @@ def best_by_trying_all(costs):
 def test_pairs_are_the_most_and_of_these_the_cheapest(costs) -> None:
     pairs = cheapest_pairs(costs)
     assert len({row for row, _ in pairs}) == len({column for _, column in pairs}) == len(pairs)
-    own = [costs[pair] for pair in pairs]
-    assert np.isfinite(own).all()
+    chosen_costs = [costs[pair] for pair in pairs]
+    assert np.isfinite(chosen_costs).all()
     count, negative = best_by_trying_all(costs)
     assert len(pairs) == count
-    assert abs(sum(own) + negative) < 1e-9
+    assert abs(sum(chosen_costs) + negative) < 1e-9
 
 
 def test_the_nearest_pair_yields_where_that_leaves_another_alone() -> None:

@@ -25,21 +25,21 @@ RADIUS = 0.05
 
 
 def record(rng, times, path, name="ball", noise=NOISE):
-    seen = path + noise * rng.normal(size=path.shape)
+    positions = path + noise * rng.normal(size=path.shape)
     return Record(
         SceneObject(name, "m", Sphere(RADIUS)),
         np.asarray(times),
-        seen,
+        positions,
         np.tile(noise**2 * np.eye(3), (len(path), 1, 1)),
         np.zeros((3, 3)),
         None,
         np.asarray(times),
-        seen,
+        positions,
     )
 
 
-def state(seen, time):
-    return state_at(seen, time, FreeMotion(seen, FLOOR), SETTINGS)
+def state(ball, time):
+    return state_at(ball, time, FreeMotion(ball, FLOOR), SETTINGS)
 
 
 def test_the_initial_state_is_least_squares_with_gravity_known(rng, bounce) -> None:
@@ -48,15 +48,17 @@ def test_the_initial_state_is_least_squares_with_gravity_known(rng, bounce) -> N
     path = bounce(times - 5.0, (0, 0, 0.5), velocity, RADIUS)
     ratios = []
     for _ in range(60):
-        found = state(record(rng, times, path), 5.0)
-        error = np.concatenate([found.position - path[0], found.linear_velocity - velocity])
-        own = np.r_[0:3, 6:9]
-        ratios.append(error @ np.linalg.solve(found.covariance[np.ix_(own, own)], error) / 6.0)
+        estimate = state(record(rng, times, path), 5.0)
+        error = np.concatenate([estimate.position - path[0], estimate.linear_velocity - velocity])
+        places = np.r_[0:3, 6:9]
+        ratios.append(
+            error @ np.linalg.solve(estimate.covariance[np.ix_(places, places)], error) / 6.0
+        )
         assert np.linalg.norm(error[3:]) < 0.05
     # An honest covariance: squared errors in variances are one on average.
     assert 0.7 < np.mean(ratios) < 1.5
-    assert np.diag(found.covariance)[9:] == pytest.approx(100.0)
-    assert np.diag(found.covariance)[3:6] == pytest.approx(0.0)
+    assert np.diag(estimate.covariance)[9:] == pytest.approx(100.0)
+    assert np.diag(estimate.covariance)[3:6] == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize("points", [3, 4, 5])
@@ -68,23 +70,23 @@ def test_the_stretch_ends_before_the_bounce(rng, bounce, points) -> None:
     start = np.array([0, 0, RADIUS + fall + 0.5 * 9.81 * fall**2])
     errors = []
     for _ in range(20):
-        found = state(record(rng, times, bounce(times, start, velocity, RADIUS)), 0.0)
-        errors.append(found.linear_velocity - velocity)
+        estimate = state(record(rng, times, bounce(times, start, velocity, RADIUS)), 0.0)
+        errors.append(estimate.linear_velocity - velocity)
     assert np.abs(np.mean(errors, axis=0)).max() < 0.05
 
 
 def test_a_ball_that_rolls_has_no_falling_state(rng) -> None:
     times = np.arange(0, 1.0, STEP)
     path = np.column_stack([0.8 * times, 0 * times, np.full(times.size, RADIUS)])
-    found = state(record(rng, times, path), 0.0)
-    assert found.linear_velocity == pytest.approx([0.8, 0, 0], abs=0.02)
+    estimate = state(record(rng, times, path), 0.0)
+    assert estimate.linear_velocity == pytest.approx([0.8, 0, 0], abs=0.02)
 
 
 def test_a_hand_that_carries_a_ball_gives_no_state(rng) -> None:
     times = np.arange(0, 1.0, STEP)
     path = np.column_stack([0.5 * times, 0.2 * np.sin(6 * times), 1.0 + 0 * times])
-    seen = record(rng, times, path)
-    assert all(state(seen, time) is None for time in times[:20])
+    ball = record(rng, times, path)
+    assert all(state(ball, time) is None for time in times[:20])
 
 
 def test_an_observation_begins_when_the_hand_lets_go(rng, bounce) -> None:
@@ -92,8 +94,8 @@ def test_an_observation_begins_when_the_hand_lets_go(rng, bounce) -> None:
     hand = np.column_stack([0.3 * np.sin(4 * held), 0.1 * held, 1 - 0.2 * np.cos(5 * held)])
     flight = bounce(thrown, hand[-1] + [0.02, 0, 0.02], (1.0, 0.3, 0.5), RADIUS)
     times = np.concatenate([held, held[-1] + STEP + thrown])
-    seen = record(rng, times, np.concatenate([hand, flight]))
-    (observation,) = observations_of([seen], FLOOR, SETTINGS)
+    ball = record(rng, times, np.concatenate([hand, flight]))
+    (observation,) = observations_of([ball], FLOOR, SETTINGS)
     assert observation.start_time == pytest.approx(held[-1] + STEP, abs=1.5 * STEP)
     assert observation.objects[0].trajectory.times[0] == observation.start_time
 
@@ -104,14 +106,14 @@ def test_an_episode_is_cut_where_a_ball_appears(rng, bounce) -> None:
     first = record(rng, early, bounce(early, (0, 0, 0.5), (0.8, 0, 1.0), RADIUS), "first")
     second = record(rng, late, bounce(late - late[0], (0, 1, 0.9), (1, 0, 0), RADIUS), "second")
     alone, together = observations_of([second, first], FLOOR, SETTINGS)
-    assert [seen.object.id for seen in alone.objects] == ["first"]
+    assert [item.object.id for item in alone.objects] == ["first"]
     assert alone.objects[0].trajectory.times[-1] < late[0]
-    assert {seen.object.id for seen in together.objects} == {"first", "second"}
+    assert {item.object.id for item in together.objects} == {"first", "second"}
     assert late[0] <= together.start_time < late[0] + 4 * STEP
     # All initial states hold at the start.
-    for seen in together.objects:
-        assert seen.initial_state.position == pytest.approx(seen.trajectory.positions[0], abs=0.006)
-        assert seen.trajectory.times[0] == together.start_time
+    for item in together.objects:
+        assert item.initial_state.position == pytest.approx(item.trajectory.positions[0], abs=0.006)
+        assert item.trajectory.times[0] == together.start_time
 
 
 def test_what_hardly_moves_is_not_worth_an_observation(rng) -> None:

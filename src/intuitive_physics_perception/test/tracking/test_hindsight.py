@@ -28,17 +28,17 @@ def test_a_track_is_as_if_it_had_been_followed_from_the_start(earlier: int, late
     rng = np.random.default_rng([earlier, later])
     times = STEP * np.arange(earlier + later)
     places = [0.0, 0.0, 1.0] + np.outer(times, [1.0, 0.0, 2.0]) + np.outer(times**2, [0, 0, -4.905])
-    seen = [
+    detections = [
         DetectedSphere(place + rng.normal(0.0, 0.001, 3), 0.05, 0.001**2 * np.eye(4), 200, 2.0)
         for place in places
     ]
     whole, part = Tracker(FLOOR, SETTINGS), Tracker(FLOOR, SETTINGS)
-    for time, detection in zip(times, seen, strict=True):
+    for time, detection in zip(times, detections, strict=True):
         whole.update(float(time), [detection])
-    for time, detection in list(zip(times, seen, strict=True))[earlier:]:
+    for time, detection in list(zip(times, detections, strict=True))[earlier:]:
         part.update(float(time), [detection])
     (expected,), (track,) = whole._tracks, part._tracks
-    track.earlier = list(zip(times[:earlier].tolist(), seen[:earlier], strict=True))[::-1]
+    track.earlier = list(zip(times[:earlier].tolist(), detections[:earlier], strict=True))[::-1]
     assert [time for time, _ in track.detections] == times.tolist()
     part.take_earlier(track)
     assert track.earlier is None
@@ -56,8 +56,8 @@ def test_frames_are_kept_for_their_time(steps: list[float], duration: float, ask
     for time in times:
         recent.keep(float(time), np.zeros((1, 1, 3), np.float32), Clusters([], [], 0, 0))
     kept = [time for time in times if time >= times[-1] - duration and time < asked]
-    found = recent.before(asked)
-    assert (None if found is None else found[0]) == (kept[-1] if kept else None)
+    frame = recent.before(asked)
+    assert (None if frame is None else frame[0]) == (kept[-1] if kept else None)
 
 
 def thrown_by_a_palm(room, shapes) -> tuple[list, float]:
@@ -95,7 +95,7 @@ def test_an_observation_begins_where_a_palm_lets_go(make_room, shapes, pipeline)
     for k, frame in enumerate(frames):
         observations += pipeline.process(frame, k * STEP).observations
     observations += pipeline.finish()
-    begins = min(one.start_time for one in observations)
+    begins = min(observation.start_time for observation in observations)
     # A hand that no longer accelerates differs from flight by g t² / 2, which is three times the
     # noise of 2 mm after 35 ms; a frame more is the next one that shows it.
     assert -STEP < begins - release < 0.035 + STEP
@@ -113,9 +113,9 @@ def test_a_ball_beside_a_palm_is_found_where_it_is_expected(corner_model, shapes
     errors = []
     for _ in range(5):
         points = room.points([(place, RADIUS)], [palm, arm])
-        found = finder.find_expected(points, foreground.find(points), expected)
-        assert found is not None
-        errors.append([*(found.center - room.to_camera(place)), found.radius - RADIUS])
+        sphere = finder.find_expected(points, foreground.find(points), expected)
+        assert sphere is not None
+        errors.append([*(sphere.center - room.to_camera(place)), sphere.radius - RADIUS])
     # The depth of one frame is sure to some mm at this range, the sides to less.
     assert np.abs(np.mean(errors, axis=0)).max() < 0.006
     # Where only the palm is there is none.

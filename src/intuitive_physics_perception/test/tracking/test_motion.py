@@ -169,7 +169,7 @@ def test_any_prediction_is_finite_and_its_covariance_positive(position, velocity
 def test_the_transition_is_the_derivative_of_the_prediction() -> None:
     # In flight it is exact.
     start, step = ball((0.9, 0, 0.3), (2.0, 0.5, -1.0)), 1e-6
-    found = predicted(
+    first = predicted(
         start,
         COVARIANCE,
         0.02,
@@ -179,7 +179,7 @@ def test_the_transition_is_the_derivative_of_the_prediction() -> None:
     )
     for k in range(SIZE - 1):
         moved = start + step * np.eye(SIZE)[k]
-        there = predicted(
+        other = predicted(
             moved,
             COVARIANCE,
             0.02,
@@ -187,4 +187,4 @@ def test_the_transition_is_the_derivative_of_the_prediction() -> None:
             restitution=0.6,
             acceleration_noise=0.0,
         )
-        assert (there.mean - found.mean) / step == pytest.approx(found.transition[:, k], abs=1e-6)
+        assert (other.mean - first.mean) / step == pytest.approx(first.transition[:, k], abs=1e-6)

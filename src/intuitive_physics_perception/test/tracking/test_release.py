@@ -29,11 +29,11 @@ IN_TIME = 0.034
 
 
 def record(times, places, covariances, rng) -> Record:
-    seen = places + np.einsum(
+    positions = places + np.einsum(
         "nij,nj->ni", np.linalg.cholesky(covariances), rng.normal(size=places.shape)
     )
     ball = SceneObject("ball", "m", Sphere(RADIUS))
-    return Record(ball, times, seen, covariances, np.zeros((3, 3)), None, times, seen)
+    return Record(ball, times, positions, covariances, np.zeros((3, 3)), None, times, positions)
 
 
 def errors_of_detection(count, noise, rng):
@@ -41,8 +41,8 @@ def errors_of_detection(count, noise, rng):
     far off along it as across."""
     along = rng.normal(size=3)
     along /= np.linalg.norm(along)
-    one = noise**2 * (np.eye(3) + 8.0 * np.outer(along, along)) / 3.0
-    return np.tile(one, (count, 1, 1))
+    covariance = noise**2 * (np.eye(3) + 8.0 * np.outer(along, along)) / 3.0
+    return np.tile(covariance, (count, 1, 1))
 
 
 class Throw:
@@ -70,12 +70,12 @@ class Throw:
         return held + since * self.velocity + 0.5 * since**2 * FLOOR.gravity
 
 
-def begin(throw, rate, noise, rng, flight=0.45):
+def observation_of(throw, rate, noise, rng, flight=0.45):
     """The observation of a throw, whose frames have a random phase; None where there is none."""
     times = np.arange(rng.random() / rate, throw.release + flight, 1.0 / rate)
-    seen = record(times, throw.places(times), errors_of_detection(len(times), noise, rng), rng)
-    found = observations_of([seen], FLOOR, SETTINGS)
-    return found[0] if found else None
+    ball = record(times, throw.places(times), errors_of_detection(len(times), noise, rng), rng)
+    observations = observations_of([ball], FLOOR, SETTINGS)
+    return observations[0] if observations else None
 
 
 @pytest.mark.parametrize("rate", [30, 60, 90])
@@ -85,7 +85,7 @@ def test_observations_begin_at_the_release_at_every_frame_rate(rate, noise) -> N
     errors = []
     for _ in range(40):
         throw = Throw(rng)
-        errors.append(begin(throw, rate, noise, rng).start_time - throw.release)
+        errors.append(observation_of(throw, rate, noise, rng).start_time - throw.release)
     # 95 % within a frame at 30 Hz; of 40 draws 5 or more miss with a chance of 5 %.
     assert np.sum(np.abs(errors) > IN_TIME) <= 4, sorted(errors)
     assert np.abs(errors).max() < 3 * IN_TIME
@@ -100,9 +100,9 @@ def test_more_frames_make_a_better_first_velocity() -> None:
         squares = []
         for _ in range(40):
             throw = Throw(rng)
-            seen = begin(throw, rate, 0.001, rng)
-            since = max(seen.start_time - throw.release, 0.0)
-            off = seen.objects[0].initial_state.linear_velocity - throw.velocity
+            observation = observation_of(throw, rate, 0.001, rng)
+            since = max(observation.start_time - throw.release, 0.0)
+            off = observation.objects[0].initial_state.linear_velocity - throw.velocity
             squares.append(np.sum((off - since * FLOOR.gravity) ** 2))
         rms.append(np.sqrt(np.median(squares)))
     assert rms[1] < 0.68 * rms[0]
@@ -120,10 +120,10 @@ def test_no_observation_begins_in_the_hand(seed, rate, noise, rest) -> None:
     several millimetres and more."""
     rng = np.random.default_rng(seed)
     throw = Throw(rng, rest=rest)
-    seen = begin(throw, rate, noise, rng)
-    if seen is not None:
-        assert seen.start_time - throw.release > -max(2.0 / rate, 0.06)
-        assert seen.start_time - throw.release < max(3.0 / rate, 0.1)
+    observation = observation_of(throw, rate, noise, rng)
+    if observation is not None:
+        assert observation.start_time - throw.release > -max(2.0 / rate, 0.06)
+        assert observation.start_time - throw.release < max(3.0 / rate, 0.1)
 
 
 @settings(max_examples=40, deadline=None)
@@ -135,8 +135,8 @@ def test_what_a_hand_holds_all_the_time_is_never_free(seed, rate, noise) -> None
     frequency, phase = rng.uniform(2.0, 8.0, size=3), rng.uniform(0.0, 6.3, size=3)
     reach = rng.uniform(0.0, 5.0, size=3) / frequency**2
     places = np.array([0, 0, 1.2]) + reach * np.sin(np.outer(times, frequency) + phase)
-    seen = record(times, places, errors_of_detection(len(times), noise, rng), rng)
-    free = FreeMotion(seen, FLOOR)
+    ball = record(times, places, errors_of_detection(len(times), noise, rng), rng)
+    free = FreeMotion(ball, FLOOR)
     assert all(free.stretch_at(float(time)) is None for time in times)
 
 
@@ -149,8 +149,8 @@ def test_a_ball_that_comes_into_view_in_flight_is_free_from_its_first_frames() -
         times = np.arange(0.0, rng.uniform(0.25, 0.8), 1.0 / rate)
         velocity = rng.uniform(-2.0, 2.0, size=3)
         places = [0, 0, 6.0] + np.outer(times, velocity) + 0.5 * np.outer(times**2, FLOOR.gravity)
-        seen = record(times, places, errors_of_detection(len(times), noise, rng), rng)
-        free = FreeMotion(seen, FLOOR)
+        ball = record(times, places, errors_of_detection(len(times), noise, rng), rng)
+        free = FreeMotion(ball, FLOOR)
         later = [time for time in times[:-2] if time > 0.034 + 2.0 / rate]
         missing += sum(free.stretch_at(float(time)) is None for time in later)
         total += len(later)
@@ -164,8 +164,8 @@ def test_errors_of_position_and_velocity_are_as_large_as_the_covariance_says() -
         times = np.arange(0.0, 0.35, 1.0 / 60.0)
         velocity = rng.uniform(-2.0, 2.0, size=3)
         places = [0, 0, 3.0] + np.outer(times, velocity) + 0.5 * np.outer(times**2, FLOOR.gravity)
-        seen = record(times, places, errors_of_detection(len(times), 0.002, rng), rng)
-        stretch = FreeMotion(seen, FLOOR).stretch_at(0.2)
+        ball = record(times, places, errors_of_detection(len(times), 0.002, rng), rng)
+        stretch = FreeMotion(ball, FLOOR).stretch_at(0.2)
         mean, covariance = stretch.at(0.2)
         off = mean - [
             *([0, 0, 3.0] + 0.2 * velocity + 0.02 * FLOOR.gravity),
@@ -181,9 +181,9 @@ def test_errors_of_position_and_velocity_are_as_large_as_the_covariance_says() -
 def test_a_bias_that_all_frames_share_is_in_the_position_and_not_in_the_velocity() -> None:
     rng, times = np.random.default_rng(4), np.arange(0.0, 0.3, 1.0 / 60.0)
     places = [0, 0, 3.0] + 0.5 * np.outer(times**2, FLOOR.gravity)
-    seen = record(times, places, errors_of_detection(len(times), 0.001, rng), rng)
-    biased = replace(seen, bias=np.diag([1e-4, 4e-4, 9e-4]))
-    without, with_it = (FreeMotion(one, FLOOR).stretch_at(0.0).covariance for one in (seen, biased))
+    ball = record(times, places, errors_of_detection(len(times), 0.001, rng), rng)
+    biased = replace(ball, bias=np.diag([1e-4, 4e-4, 9e-4]))
+    without, with_it = (FreeMotion(b, FLOOR).stretch_at(0.0).covariance for b in (ball, biased))
     assert with_it[:3, :3] - without[:3, :3] == pytest.approx(biased.bias)
     assert with_it[3:, 3:] == pytest.approx(without[3:, 3:])
 
@@ -191,15 +191,15 @@ def test_a_bias_that_all_frames_share_is_in_the_position_and_not_in_the_velocity
 def test_points_that_cannot_tell_gravity_from_none_are_no_evidence() -> None:
     """Three points of a ball at rest fit gravity where noise is large, and are evidence of nothing;
     the longer it lies still, the clearer it does not fall."""
-    rng, found = np.random.default_rng(6), []
+    rng, evidence = np.random.default_rng(6), []
     for count in (3, 6, 12, 24):
         times = np.arange(count) / 90.0
         errors = errors_of_detection(count, 0.002, rng)
-        seen = record(times, np.zeros((count, 3)), errors, rng)
-        found.append(free_evidence(times, seen.positions, errors, FLOOR.gravity))
-    assert found[0] < 2.0
-    assert found[-1] < -50.0
-    assert found[-1] < found[-2] < found[0]
+        ball = record(times, np.zeros((count, 3)), errors, rng)
+        evidence.append(free_evidence(times, ball.positions, errors, FLOOR.gravity))
+    assert evidence[0] < 2.0
+    assert evidence[-1] < -50.0
+    assert evidence[-1] < evidence[-2] < evidence[0]
     fallen = record(times, 0.5 * np.outer(times**2, FLOOR.gravity), errors, rng)
     assert free_evidence(times, fallen.positions, errors, FLOOR.gravity) > SURE_EVIDENCE
 
@@ -211,6 +211,6 @@ def test_the_noise_is_measured_whatever_the_covariances_say(rate, factor) -> Non
     throw = Throw(rng)
     times = np.arange(0.0, throw.release + 0.4, 1.0 / rate)
     errors = errors_of_detection(len(times), 0.001, rng)
-    seen = record(times, throw.places(times), factor * errors, rng)
-    found = noise_factor(times, seen.positions, errors)
-    assert found == pytest.approx(factor, rel=0.6)
+    ball = record(times, throw.places(times), factor * errors, rng)
+    estimate = noise_factor(times, ball.positions, errors)
+    assert estimate == pytest.approx(factor, rel=0.6)

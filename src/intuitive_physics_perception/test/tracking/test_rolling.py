@@ -79,7 +79,7 @@ def ramp(degrees):
 
 @pytest.mark.parametrize("case", ["box", 2.0, 8.0, 15.0, "up 8"])
 def test_the_spin_of_what_rolls_on_boxes_and_ramps_is_known(case) -> None:
-    known, squares, count = 0, 0.0, 0
+    determined, squares, count = 0, 0.0, 0
     for seed in range(12):
         rng = np.random.default_rng([seed, 5])
         times = np.arange(0, 0.8, STEP)
@@ -103,13 +103,13 @@ def test_the_spin_of_what_rolls_on_boxes_and_ramps_is_known(case) -> None:
         for time, state in [item for item in states if item[0] > ROLLING_TIME + 0.1]:
             velocity = (speed + gain * time) * along
             spin = np.cross(normal, velocity) / RADIUS
-            known += state.covariance[10, 10] < (0.5 * UNKNOWN) ** 2
+            determined += state.covariance[10, 10] < (0.5 * UNKNOWN) ** 2
             off = np.concatenate([state.linear_velocity - velocity, state.angular_velocity - spin])
             spread = state.covariance[6:12, 6:12]
             # The spin about the normal is not known; that of the ball is zero.
             squares += off @ np.linalg.solve(spread, off)
             count += 1
-    assert known >= 0.95 * count
+    assert determined >= 0.95 * count
     # χ² / 6 of errors as large as the covariance says is one; it may be cautious, as the slip is.
     assert squares / (6.0 * count) < 1.5
 

@@ -24,7 +24,7 @@ STEP = 1.0 / 30.0
 NOISE = 0.001
 
 
-def seen(rng, place, radius=0.05, noise=NOISE, color=None):
+def detection(rng, place, radius=0.05, noise=NOISE, color=None):
     error = noise * rng.normal(size=4)
     return DetectedSphere(
         np.asarray(place) + error[:3], radius + error[3], noise**2 * np.eye(4), 200, 2.0, color
@@ -35,7 +35,7 @@ def follow(tracker, rng, paths, times, radius=0.05):
     """Feed paths (n_balls, n_times, 3); return tracks after each frame and all that ended."""
     alive, ended = [], []
     for k, time in enumerate(times):
-        spheres = [seen(rng, path[k], radius) for path in paths if np.isfinite(path[k]).all()]
+        spheres = [detection(rng, path[k], radius) for path in paths if np.isfinite(path[k]).all()]
         ended += tracker.update(float(time), spheres)
         alive.append(deepcopy(tracker.tracks))
     return alive, ended
@@ -88,7 +88,7 @@ def test_colours_tell_balls_that_meet_from_balls_that_pass(rng, elastic, colored
         tracker.update(
             float(time),
             [
-                seen(
+                detection(
                     rng, np.array([0, 0, 1.0]) + x[k] * along, color=light * c if colored else None
                 )
                 for x, c in ((first, RED), (second, BLUE))
@@ -110,7 +110,7 @@ def test_a_ball_whose_colour_changes_in_a_shadow_stays_itself(rng, bounce) -> No
     tracker = Tracker(FLOOR, SETTINGS)
     for k, time in enumerate(times):
         color = RED if k % 8 < 4 else 0.1 * BLUE
-        assert tracker.update(float(time), [seen(rng, path[k], color=color)]) == []
+        assert tracker.update(float(time), [detection(rng, path[k], color=color)]) == []
     assert [track.number for track in tracker.tracks] == [1]
 
 
@@ -134,7 +134,7 @@ def test_a_capsule_that_was_seen_end_on_is_a_capsule_once_its_side_is_seen(rng, 
     place = lying_capsule(rng, 0.0).center + (np.array([-0.1, 0, 0]) if turned else [-0.2, 0, 0])
     tracker = Tracker(FLOOR, SETTINGS)
     for k in range(6):
-        tracker.update(k * STEP, [seen(rng, place, 0.04)])
+        tracker.update(k * STEP, [detection(rng, place, 0.04)])
     assert [track.kind for track in tracker.tracks] == ["sphere"]
     ended = []
     for k in range(6, 9):
@@ -145,7 +145,7 @@ def test_a_capsule_that_was_seen_end_on_is_a_capsule_once_its_side_is_seen(rng, 
     assert ended == []
     # Seen end-on again it is no further thing.
     for k in (9, 10):
-        tracker.update(k * STEP, [seen(rng, place, 0.04)])
+        tracker.update(k * STEP, [detection(rng, place, 0.04)])
     assert [track.kind for track in tracker.tracks] == kinds
     assert tracker.next_number == 3
 
@@ -203,7 +203,7 @@ def test_single_false_detections_never_become_objects(rng) -> None:
     tracker = Tracker(FLOOR, SETTINGS)
     for k in range(60):
         place = rng.uniform(-1, 1, 3) + [0, 0, 2]
-        tracker.update(k * STEP, [seen(rng, place)] if k % 4 == 0 else [])
+        tracker.update(k * STEP, [detection(rng, place)] if k % 4 == 0 else [])
         assert tracker.tracks == []
 
 
@@ -252,7 +252,7 @@ def test_the_newest_detection_is_that_of_its_frame_given_the_averaged_radius(rng
 def test_the_state_has_a_wide_spin_and_no_doubt_in_rotation(rng) -> None:
     tracker = Tracker(FLOOR, SETTINGS)
     for k in range(4):
-        tracker.update(k * STEP, [seen(rng, (0, 0, 1.0))])
+        tracker.update(k * STEP, [detection(rng, (0, 0, 1.0))])
     state = tracker.tracks[0].object_state(FLOOR, SETTINGS)
     assert np.diag(state.covariance)[9:] == pytest.approx(100.0)
     assert np.abs(state.covariance[3:6]).max() == 0.0
@@ -285,7 +285,7 @@ def test_a_ball_that_starts_slowly_from_rest_is_seen_to_move(rng, rate, speed) -
     along = np.maximum(times - 1.5, 0.0) * speed
     tracker, found = Tracker(FLOOR, SETTINGS), []
     for time, x in zip(times, along, strict=True):
-        tracker.update(float(time), [seen(rng, (x, 0.2, 0.05))])
+        tracker.update(float(time), [detection(rng, (x, 0.2, 0.05))])
         (track,) = tracker.tracks or [None]
         if 1.0 < time < 1.5:
             assert track.resting
@@ -304,7 +304,7 @@ def test_a_ball_at_rest_stays_at_rest_whatever_the_noise(seed, rate, noise) -> N
     rng = np.random.default_rng(seed)
     tracker = Tracker(FLOOR, SETTINGS)
     for time in np.arange(0, 4.0, 1.0 / rate):
-        tracker.update(float(time), [seen(rng, (0.3, 0.2, 0.5), noise=noise)])
+        tracker.update(float(time), [detection(rng, (0.3, 0.2, 0.5), noise=noise)])
         if time > 1.2:
             assert [track.resting for track in tracker.tracks] == [True]
 
@@ -314,7 +314,7 @@ def test_an_object_is_one_after_the_same_time_at_every_frame_rate(rng, rate) -> 
     tracker, times = Tracker(FLOOR, SETTINGS), np.arange(0, 0.5, 1.0 / rate)
     known = []
     for time in times:
-        tracker.update(float(time), [seen(rng, (0.3, 0.2, 0.5))])
+        tracker.update(float(time), [detection(rng, (0.3, 0.2, 0.5))])
         known.append(bool(tracker.tracks))
     # Three frames at 30 Hz last 67 ms; a slower camera needs as many.
     assert times[known.index(True)] == pytest.approx(max(2 / 30, 2 / rate), abs=0.018)
@@ -323,9 +323,9 @@ def test_an_object_is_one_after_the_same_time_at_every_frame_rate(rng, rate) -> 
 @pytest.mark.parametrize("rate", [30, 60, 90])
 def test_a_suggestion_that_is_not_seen_again_is_given_up_after_the_same_time(rng, rate) -> None:
     tracker = Tracker(FLOOR, SETTINGS)
-    tracker.update(0.0, [seen(rng, (0.3, 0.2, 0.5))])
+    tracker.update(0.0, [detection(rng, (0.3, 0.2, 0.5))])
     for time in np.arange(1.0 / rate, 0.2, 1.0 / rate):
         tracker.update(float(time), [])
     for k in range(rate // 5):
-        tracker.update(0.2 + k / rate, [seen(rng, (0.3, 0.2, 0.5))])
+        tracker.update(0.2 + k / rate, [detection(rng, (0.3, 0.2, 0.5))])
     assert [track.number for track in tracker.tracks] == [2]

@@ -88,7 +88,7 @@ def test_the_check_can_be_switched_off(corner_model, camera) -> None:
     assert [check.moved(elsewhere, time) for time in (0.0, 10.0)] == ["", ""]
 
 
-def test_time_that_jumps_back_restarts_the_check_and_blind_frames_do_not_count(
+def test_time_that_jumps_back_restarts_the_check_and_blind_frames_are_left_out(
     corner_model, camera
 ):
     check = EnvironmentCheck(corner_model[1], SETTINGS)

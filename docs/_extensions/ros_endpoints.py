@@ -115,6 +115,10 @@ class _Reader:
                         self._call(call, values, owner)
 
     def _call(self, call: ast.Call, values: dict[str, Any], owner: type) -> None:
+        if isinstance(call.func, ast.Name) and call.func.id in CREATORS:
+            # Functions of `intuitive_physics_ros.qos`, whose first argument is the node.
+            method = ast.Attribute(call.args[0], call.func.id, ast.Load())
+            call = ast.Call(method, call.args[1:], call.keywords)
         function = call.func
         if isinstance(function, ast.Attribute) and function.attr in CREATORS:
             quality = call.args[3 if function.attr == "create_subscription" else 2 :]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
-
 from geometry_msgs.msg import TransformStamped
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from rclpy.node import Node
@@ -18,7 +16,7 @@ from intuitive_physics_ros.conversions.primitives import (
     quaternion_to_message,
     vector_to_message,
 )
-from intuitive_physics_ros.qos import LATCHED, QOS_OVERRIDES
+from intuitive_physics_ros.qos import LATCHED, create_publisher
 from intuitive_physics_ros.topics import ENVIRONMENT
 
 
@@ -33,9 +31,7 @@ class EnvironmentPublisher:
     def __init__(self, node: Node) -> None:
         self._node = node
         self.version = 0
-        self._environments = node.create_publisher(
-            EnvironmentMessage, ENVIRONMENT, copy(LATCHED), qos_overriding_options=QOS_OVERRIDES
-        )
+        self._environments = create_publisher(node, EnvironmentMessage, ENVIRONMENT, LATCHED)
         try:
             from tf2_msgs.msg import TFMessage
         except ImportError:

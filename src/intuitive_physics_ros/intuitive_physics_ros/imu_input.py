@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from copy import copy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics_ros.conversions import seconds_from_stamp
 from intuitive_physics_ros.conversions.primitives import xyz
 from intuitive_physics_ros.monitors import InputMonitor
-from intuitive_physics_ros.qos import QOS_OVERRIDES, SENSOR_DATA
+from intuitive_physics_ros.qos import SENSOR_DATA, create_subscription
 from intuitive_physics_ros.silence import Silence, launch_arguments
 from intuitive_physics_ros.transforms import Transforms, UnknownTransformError
 
@@ -60,13 +59,7 @@ class ImuInput:
             # Where IMU and camera share a frame nothing has to be looked up.
             with suppress(InvalidInputError):
                 self._transforms = Transforms(node)
-        node.create_subscription(
-            Imu,
-            topic,
-            self._on_message,
-            copy(SENSOR_DATA),
-            qos_overriding_options=QOS_OVERRIDES,
-        )
+        create_subscription(node, Imu, topic, self._on_message, SENSOR_DATA)
         self.monitor.expect(Silence(node, {topic: Imu}, launch_arguments("camera", "imu")))
 
     def _on_message(self, message: Imu) -> None:

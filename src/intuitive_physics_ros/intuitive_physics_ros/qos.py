@@ -1,5 +1,11 @@
 """Quality of service of the suite's topics."""
 
+from collections.abc import Callable
+from copy import copy
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
@@ -32,3 +38,17 @@ OBSERVATIONS = QoSProfile(
 
 RELIABLE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 """Topics whose messages must not be lost while both ends live."""
+
+
+def create_publisher(node: Node, kind: type[Any], topic: str, profile: QoSProfile) -> Publisher:
+    """Create a publisher of messages of a kind, with parameters that override its profile."""
+    return node.create_publisher(kind, topic, copy(profile), qos_overriding_options=QOS_OVERRIDES)
+
+
+def create_subscription(
+    node: Node, kind: type[Any], topic: str, callback: Callable[[Any], None], profile: QoSProfile
+) -> None:
+    """Subscribe to messages of a kind, with parameters that override the profile."""
+    node.create_subscription(
+        kind, topic, callback, copy(profile), qos_overriding_options=QOS_OVERRIDES
+    )

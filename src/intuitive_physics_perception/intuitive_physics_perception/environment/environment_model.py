@@ -140,8 +140,7 @@ class EnvironmentModel:
             Plane(plane.id, plane.material, plane.normal, plane.offset, hull)
             for plane, hull in zip(self.environment.planes, self.hulls(), strict=True)
         ]
-        whole = self.environment
-        return Environment(planes, whole.boxes, whole.gravity, whole.frame_id)
+        return replace(self.environment, planes=tuple(planes))
 
     def hulls(self) -> list[NDArray[np.float64]]:
         """Return the convex hull (n, 3), m, of what was seen of each plane, in its frame."""
@@ -194,7 +193,7 @@ def model_environment(
     rotation, translation = _gravity_aligned(planes[0] if upward.has_support else None, upward.up)
     names = [f"plane_{k}" for k in range(len(planes))]
     environment = Environment(
-        _as_environment(planes, names, rotation, translation, settings),
+        _placed(planes, names, rotation, translation, settings),
         gravity=(0.0, 0.0, -settings.gravity),
         frame_id=settings.environment_frame_id,
     )
@@ -239,13 +238,10 @@ def revised_environment(
         return None
     cloud = RangeCloud(fuse([frame], settings, rng, MAX_EDGE_POINTS), model.noise, settings)
     planes = with_edges(planes, cloud, rng)
-    old = model.environment
-    environment = Environment(
-        _as_environment(planes, names, model.rotation, model.translation, settings),
-        (),
-        old.gravity,
-        old.frame_id,
-        old.air_density,
+    environment = replace(
+        model.environment,
+        planes=_placed(planes, names, model.rotation, model.translation, settings),
+        boxes=(),
     )
     agreement = plane_agreement(RangeCloud(points, model.noise, settings), planes)
     return replace(model, environment=environment, detected=tuple(planes), agreement=agreement)
@@ -290,15 +286,15 @@ def _named(
     return [planes[k] for k in order], [names[k] for k in order]
 
 
-def _as_environment(
+def _placed(
     planes: Sequence[DetectedPlane],
     names: Sequence[str],
     rotation: NDArray[np.float64],
     translation: NDArray[np.float64],
     settings: PerceptionSettings,
-) -> list[Plane]:
+) -> tuple[Plane, ...]:
     """Planes of the sensor's frame in the environment's."""
-    return [
+    return tuple(
         Plane(
             name,
             settings.plane_material,
@@ -307,7 +303,7 @@ def _as_environment(
             None if plane.boundary is None else plane.boundary @ rotation.T + translation,
         )
         for plane, name in zip(planes, names, strict=True)
-    ]
+    )
 
 
 def plane_agreement(cloud: RangeCloud, planes: Sequence[DetectedPlane]) -> PlaneAgreement:

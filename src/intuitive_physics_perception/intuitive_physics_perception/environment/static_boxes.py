@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.kernels import allocating_entry
-from intuitive_physics.scene import Environment, StaticBox
+from intuitive_physics.scene import StaticBox
 from intuitive_physics_perception.detection.foreground import Clusters, ForegroundFinder
 from intuitive_physics_perception.detection.solids import SolidFinder, holds
 from intuitive_physics_perception.detection.spheres import SphereFinder
@@ -80,9 +80,7 @@ def with_static_boxes(
     if settings.solids_are_objects:
         boxes = _without_objects(boxes, model, frames, settings, rng)
     boxes = _with_old_ids(boxes, old_boxes)
-    old = model.environment
-    environment = Environment(old.planes, boxes, old.gravity, old.frame_id, old.air_density)
-    return replace(model, environment=environment)
+    return replace(model, environment=replace(model.environment, boxes=tuple(boxes)))
 
 
 def _with_old_ids(boxes: Sequence[StaticBox], old_boxes: Sequence[StaticBox]) -> list[StaticBox]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from copy import copy
 from functools import partial
 from typing import TypeAlias
 
@@ -21,7 +20,7 @@ from intuitive_physics_ros.conversions import seconds_from_stamp
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
 from intuitive_physics_ros.lifecycle.kernel_loading import KernelLoading
 from intuitive_physics_ros.monitors import InputMonitor
-from intuitive_physics_ros.qos import QOS_OVERRIDES, SENSOR_DATA
+from intuitive_physics_ros.qos import SENSOR_DATA, create_subscription
 from intuitive_physics_ros.silence import Silence, launch_arguments
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
@@ -137,21 +136,9 @@ class FrameInput:
     def _subscribe(self) -> None:
         self._expect()
         for kind in self._monitors:
-            self._node.create_subscription(
-                kind,
-                TOPICS[kind],
-                self._worker.put,
-                copy(SENSOR_DATA),
-                qos_overriding_options=QOS_OVERRIDES,
-            )
+            create_subscription(self._node, kind, TOPICS[kind], self._worker.put, SENSOR_DATA)
         if self._has_images:
-            self._node.create_subscription(
-                CameraInfo,
-                CAMERA_INFO,
-                self._on_camera,
-                copy(SENSOR_DATA),
-                qos_overriding_options=QOS_OVERRIDES,
-            )
+            create_subscription(self._node, CameraInfo, CAMERA_INFO, self._on_camera, SENSOR_DATA)
 
     def _expect(self) -> None:
         """Have it said when nothing arrives on what is subscribed to now."""
@@ -234,13 +221,7 @@ class ColorInput:
         self._monitor = InputMonitor(node, COLOR_TOPICS[kind], TIMEOUT)
         self._newest: deque[tuple[float, NDArray[np.uint8]]] = deque(maxlen=KEPT)
         diagnostics.add(COLOR_TOPICS[kind].removeprefix("~/"), self._monitor.check)
-        node.create_subscription(
-            kind,
-            COLOR_TOPICS[kind],
-            self._on_image,
-            copy(SENSOR_DATA),
-            qos_overriding_options=QOS_OVERRIDES,
-        )
+        create_subscription(node, kind, COLOR_TOPICS[kind], self._on_image, SENSOR_DATA)
         topics = {COLOR_TOPICS[kind]: kind}
         self._monitor.expect(Silence(node, topics, launch_arguments("camera", "color")))
 

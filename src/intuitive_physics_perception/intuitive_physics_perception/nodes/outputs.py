@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -27,7 +26,7 @@ from intuitive_physics_ros.markers import (
 )
 from intuitive_physics_ros.parameters import Parameter
 from intuitive_physics_ros.qos import OBSERVATIONS as OBSERVATIONS_QOS
-from intuitive_physics_ros.qos import QOS_OVERRIDES, STREAM
+from intuitive_physics_ros.qos import STREAM, create_publisher
 from intuitive_physics_ros.topics import OBJECT_STATES, OBSERVATIONS
 
 MARKER_RATE = Parameter("marker_rate", 5.0, "RViz marker messages a second", (0.1, 100.0))
@@ -44,14 +43,9 @@ class Outputs:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._states = node.create_publisher(
-            ObjectStates, OBJECT_STATES, copy(STREAM), qos_overriding_options=QOS_OVERRIDES
-        )
-        self.observations = node.create_publisher(
-            ObservationMessage,
-            OBSERVATIONS,
-            copy(OBSERVATIONS_QOS),
-            qos_overriding_options=QOS_OVERRIDES,
+        self._states = create_publisher(node, ObjectStates, OBJECT_STATES, STREAM)
+        self.observations = create_publisher(
+            node, ObservationMessage, OBSERVATIONS, OBSERVATIONS_QOS
         )
         self._markers = node.create_publisher(MarkerArray, "~/markers", 1)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from contextlib import suppress
-from copy import copy
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -38,7 +37,7 @@ from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
 from intuitive_physics_ros.lifecycle.run_node import farewell, run_node
 from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.parameters import Parameter
-from intuitive_physics_ros.qos import QOS_OVERRIDES, SENSOR_DATA
+from intuitive_physics_ros.qos import SENSOR_DATA, create_subscription
 from intuitive_physics_ros.silence import Silence
 from intuitive_physics_ros.transforms import Transforms, UnknownTransformError
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
@@ -187,13 +186,7 @@ class PoseBridgeNode(ManagedNode):
                 rule = f"-r '~/{name}/pose:=/TOPIC'"
                 remedy = f"choose the topic by a rule, {rule}, and its type by the parameter input"
                 self._monitors[name].expect(Silence(self, {f"~/{name}/pose": kind}, remedy))
-                self.create_subscription(
-                    kind,
-                    f"~/{name}/pose",
-                    self._taking(name),
-                    copy(SENSOR_DATA),
-                    qos_overriding_options=QOS_OVERRIDES,
-                )
+                create_subscription(self, kind, f"~/{name}/pose", self._taking(name), SENSOR_DATA)
 
     def _hear_frames(self, frames: list[str]) -> None:
         names = self._names

@@ -128,18 +128,24 @@ class Room:
         return np.clip(millimetres, 0, 65535).astype(np.uint16)
 
 
+def crossings(
+    rays: NDArray, relative: NDArray, radius: float
+) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """|t ray - relative|² = radius²: a, b, discriminant and its root in t = (b ± root) / a."""
+    a, b = (rays**2).sum(axis=-1), rays @ relative
+    discriminant = b * b - a * (relative @ relative - radius**2)
+    return a, b, discriminant, np.sqrt(np.maximum(discriminant, 0.0))
+
+
 @dataclass
 class BallShape:
     center: Sequence[float]
     radius: float
 
     def hit(self, origin: NDArray, rays: NDArray) -> tuple[NDArray, NDArray]:
-        relative = np.asarray(self.center) - origin
-        a, b = (rays**2).sum(axis=-1), rays @ relative
-        root = b * b - a * (relative @ relative - self.radius**2)
-        safe = np.sqrt(np.maximum(root, 0.0))
-        t = np.where((root > 0.0) & (b > safe), (b - safe) / a, np.inf)
-        return t, safe / (np.sqrt(a) * self.radius)
+        a, b, square, root = crossings(rays, np.asarray(self.center) - origin, self.radius)
+        t = np.where((square > 0.0) & (b > root), (b - root) / a, np.inf)
+        return t, root / (np.sqrt(a) * self.radius)
 
 
 @dataclass
@@ -150,11 +156,8 @@ class BowlShape:
     radius: float
 
     def hit(self, origin: NDArray, rays: NDArray) -> tuple[NDArray, NDArray]:
-        relative = np.asarray(self.center) - origin
-        a, b = (rays**2).sum(axis=-1), rays @ relative
-        root = b * b - a * (relative @ relative - self.radius**2)
-        safe = np.sqrt(np.maximum(root, 0.0))
-        return np.where(root > 0.0, (b + safe) / a, np.inf), safe / (np.sqrt(a) * self.radius)
+        a, b, square, root = crossings(rays, np.asarray(self.center) - origin, self.radius)
+        return np.where(square > 0.0, (b + root) / a, np.inf), root / (np.sqrt(a) * self.radius)
 
 
 @dataclass
@@ -167,14 +170,12 @@ class CylinderShape:
     top: float
 
     def hit(self, origin: NDArray, rays: NDArray) -> tuple[NDArray, NDArray]:
-        flat, relative = rays[..., :2], np.array([self.x, self.y]) - origin[:2]
-        a, b = (flat**2).sum(axis=-1), flat @ relative
-        root = b * b - a * (relative @ relative - self.radius**2)
-        safe = np.sqrt(np.maximum(root, 0.0))
-        t = (b - safe) / np.maximum(a, 1e-12)
+        axis = np.array([self.x, self.y]) - origin[:2]
+        a, b, square, root = crossings(rays[..., :2], axis, self.radius)
+        t = (b - root) / np.maximum(a, 1e-12)
         z = origin[2] + t * rays[..., 2]
-        good = (root > 0.0) & (t > 0.0) & (z >= 0.0) & (z <= self.top)
-        return np.where(good, t, np.inf), safe / (np.sqrt(a) * self.radius + 1e-12)
+        good = (square > 0.0) & (t > 0.0) & (z >= 0.0) & (z <= self.top)
+        return np.where(good, t, np.inf), root / (np.sqrt(a) * self.radius + 1e-12)
 
 
 @dataclass
@@ -220,15 +221,13 @@ class CapsuleShape:
         axis = half / np.linalg.norm(half)
         relative = center - origin
         flat = rays - (rays @ axis)[..., None] * axis
-        own = relative - (relative @ axis) * axis
-        a, b = (flat**2).sum(axis=-1), flat @ own
-        root = b * b - a * (own @ own - self.radius**2)
-        safe = np.sqrt(np.maximum(root, 0.0))
-        side = (b - safe) / np.maximum(a, 1e-12)
+        across = relative - (relative @ axis) * axis
+        a, b, square, root = crossings(flat, across, self.radius)
+        side = (b - root) / np.maximum(a, 1e-12)
         along = (side[..., None] * rays - relative) @ axis
-        good = (root > 0.0) & (side > 0.0) & (np.abs(along) <= np.linalg.norm(half)) & (side < t)
+        good = (square > 0.0) & (side > 0.0) & (np.abs(along) <= np.linalg.norm(half)) & (side < t)
         lengths = np.linalg.norm(rays, axis=-1)
-        side_cosine = safe / (np.sqrt(np.maximum(a, 1e-12)) * self.radius)
+        side_cosine = root / (np.sqrt(np.maximum(a, 1e-12)) * self.radius)
         side_cosine *= np.sqrt(a) / lengths
         return np.where(good, side, t), np.where(good, side_cosine, cosine)
 

@@ -35,7 +35,7 @@ class ClusterView:
         before: NDArray[np.float32] | None = None,
     ) -> None:
         self._before = before
-        self._known_cone: tuple[NDArray[np.float64], float, NDArray[np.int64]] | None = None
+        self._last_cone: tuple[NDArray[np.float64], float, NDArray[np.int64]] | None = None
         self.points = points
         self.cluster = cluster
 
@@ -105,14 +105,14 @@ class ClusterView:
         distance = float(np.linalg.norm(sphere[:3]))
         axis = sphere[:3] / distance
         angle = float(np.arcsin(min(WINDOW_RADII * float(sphere[3]) / distance, 1.0)))
-        if self._known_cone is not None:
-            known_axis, known_angle, indices = self._known_cone
-            if float(np.arccos(np.clip(axis @ known_axis, -1.0, 1.0))) + angle <= known_angle:
+        if self._last_cone is not None:
+            last_axis, last_angle, indices = self._last_cone
+            if float(np.arccos(np.clip(axis @ last_axis, -1.0, 1.0))) + angle <= last_angle:
                 return indices
         angle = min(CONE_WIDENING * angle, 0.5 * np.pi)
         cosine2 = np.float32(np.cos(angle) ** 2)
         indices = readings_in_cone(self.points[0], axis.astype(np.float32), cosine2)
-        self._known_cone = axis, angle, indices
+        self._last_cone = axis, angle, indices
         return np.asarray(indices)
 
     @cached_property

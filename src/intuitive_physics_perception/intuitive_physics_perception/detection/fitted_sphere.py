@@ -188,8 +188,8 @@ class SphereFitter:
         object.
 
         `hypothesis` (4,) m, centre and radius to begin from; `most_goes_on`: part of the ring round
-        its outline in which the cluster may go on at most; `size_is_known`: whether other frames
-        tell the radius, so that this one need not.
+        its outline in which the cluster may go on at most; `size_is_known`: whether the
+        radius is known from other frames, so that this one need not show it.
         """
         fit = self._refined(view, part, hypothesis)
         if fit is None:

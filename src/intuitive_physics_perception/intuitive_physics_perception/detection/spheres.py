@@ -194,7 +194,7 @@ class SphereFinder:
 
     def _is_trusted(self, memory: RememberedCluster[None]) -> bool:
         """Whether what was there when the environment was modelled has been a sphere in enough
-        searches: what looks like one only as the noise has it is none."""
+        searches: a cluster that fits one only by its noise is none."""
         return memory.successes >= STATIC_SUCCESSES * memory.searches
 
     @staticmethod

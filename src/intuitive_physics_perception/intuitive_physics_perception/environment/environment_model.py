@@ -406,7 +406,7 @@ def _errors_on_planes(
     noise: RangeNoise,
     settings: PerceptionSettings,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Those of some points (n, 3) that are on a plane, and their errors along their rays, m."""
+    """Points, of (n, 3), that lie on a plane, and their errors along their rays, m."""
     ranges = np.linalg.norm(points, axis=1)
     normals = np.stack([plane.normal for plane in planes])
     along = points @ normals.T

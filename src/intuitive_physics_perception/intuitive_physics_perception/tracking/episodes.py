@@ -74,7 +74,7 @@ class EpisodeRecorder:
         self._ended: list[Track] = []
 
     def take_environment(self, environment: Environment) -> None:
-        """Go on in an environment of which a part has come or gone, in the same frame."""
+        """Take a revised environment, in the same frame."""
         self._environment = environment
 
     def update(
@@ -103,7 +103,7 @@ class EpisodeRecorder:
         """End the episode now and return it, where there is one."""
         if self._start is None:
             return ()
-        # What is still alive goes on to change.
+        # Tracks that are alive change with later frames.
         tracks = [*self._ended, *(replace(track, steps=track.steps.copy()) for track in alive)]
         episode = Episode(tuple(tracks), self._start, self._environment, self._settings)
         self._start, self._ended = None, []

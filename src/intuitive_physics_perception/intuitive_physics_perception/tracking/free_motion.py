@@ -1,7 +1,7 @@
 """Stretches of free motion in a record: only gravity and planes act on the object.
 
 A stretch is a matter of evidence. Its points fit the acceleration of flight, or of sliding on the
-planes that the object touches, and they could tell that acceleration from none. It begins where
+planes that the object touches, and they distinguish it from no acceleration. It begins where
 "anything a hand may do before, free motion from here on" is most likely of all points, and ends
 where the next point contradicts it, the first sign of a bounce.
 """
@@ -165,11 +165,11 @@ class _Growth:
 class FreeMotion:
     """Finds the stretches of a record in which only gravity and planes act on the object.
 
-    It looks no further than it is asked about.
+    A stretch is searched when it is asked for.
 
     Parameters
     ----------
-    record : what was seen of the object
+    record : detections of the object
     environment : it moved in
     """
 
@@ -179,26 +179,28 @@ class FreeMotion:
         self._noise = record.covariances * noise_factor(
             record.times, record.positions, record.covariances
         )
-        self._found: list[Stretch] = []
-        self._looked = 0
+        self._stretches: list[Stretch] = []
+        self._searched = 0
 
     def stretch_at(self, time: float) -> Stretch | None:
         """Return the stretch that holds a time in s, None where there is none."""
         times = self._record.times
-        while self._looked < len(times) and times[self._looked] <= time + SAME_TIME:
-            stretch_found = self._next(self._looked)
-            self._looked = len(times) if stretch_found is None else stretch_found.end
-            if stretch_found is not None:
-                self._found.append(stretch_found)
-        for stretch in self._found:
+        while self._searched < len(times) and times[self._searched] <= time + SAME_TIME:
+            stretch = self._next(self._searched)
+            if stretch is None:
+                self._searched = len(times)
+            else:
+                self._searched = stretch.end
+                self._stretches.append(stretch)
+        for stretch in self._stretches:
             if stretch.time <= time + SAME_TIME and times[stretch.end - 1] >= time:
                 return stretch
         return None
 
     def _next(self, first: int) -> Stretch | None:
         """The first stretch that begins at point `first` or later."""
-        if self._found and self._found[-1].goes_on:
-            before = self._found[-1]
+        if self._stretches and self._stretches[-1].goes_on:
+            before = self._stretches[-1]
             further = self._grown(first, before.acceleration)
             if further.end - first >= MIN_POINTS:
                 return self._stretch(first, further, before.plane, before.acceleration)
@@ -224,9 +226,9 @@ class FreeMotion:
         plane: Plane | None,
         acceleration: NDArray[np.float64],
     ) -> Stretch:
-        """A stretch that was found, from where all else ceased to move the object.
+        """The stretch from the point at which all else ceased to move the object.
 
-        As the beginning moves, so may the end, hence both are found in turn until they stay.
+        The end may move with the beginning, so both are improved in turn until they stay.
         """
         record = self._record
         earliest = int(np.searchsorted(record.times, record.times[start] - HAND_MEMORY))

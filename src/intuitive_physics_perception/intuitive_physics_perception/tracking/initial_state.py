@@ -26,7 +26,7 @@ def state_at(
 
     Parameters
     ----------
-    record : what was seen of the object
+    record : detections of the object
     time : s
     free : motion of the record
     settings : of perception

@@ -99,7 +99,7 @@ class Tracker:
         self._sizes = SizeClasses(ratio) if ratio > 1.0 else None
 
     def take_environment(self, environment: Environment) -> None:
-        """Go on in an environment of which a part has come or gone, in the same frame."""
+        """Take a revised environment, in the same frame; all tracks stay."""
         self._environment = environment
         self._filter = TrackFilter(environment, self._settings)
 
@@ -162,7 +162,7 @@ class Tracker:
         return [track for track in ended if track.confirmed]
 
     def take_earlier(self, track: Track) -> None:
-        """Filter a track again from its earliest detection; no earlier one is looked for any more.
+        """Filter a track again from its earliest detection and end the search for earlier ones.
 
         `track`: with at most as many steps as it keeps.
         """

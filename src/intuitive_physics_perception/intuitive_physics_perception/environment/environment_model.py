@@ -199,14 +199,14 @@ def model_environment(
     )
     agreement = plane_agreement(RangeCloud(points, noise, settings), planes)
     return EnvironmentModel(
-        environment,
-        tuple(planes),
-        rotation,
-        translation,
-        noise,
-        agreement,
-        upward.has_support,
-        upward.doubt,
+        environment=environment,
+        detected=tuple(planes),
+        rotation=rotation,
+        translation=translation,
+        noise=noise,
+        agreement=agreement,
+        has_support=upward.has_support,
+        gravity_doubt=upward.doubt,
     )
 
 

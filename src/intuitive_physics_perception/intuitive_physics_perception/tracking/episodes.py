@@ -141,14 +141,14 @@ def record_of(track: Track, settings: PerceptionSettings) -> Record:
         bias = bias + remaining * _squares(gains.mean(axis=0))
     path_times, path_positions = _path(track, times)
     return Record(
-        track.scene_object(settings),
-        times,
-        positions,
-        frame_covariances,
-        bias,
-        attitudes or None,
-        path_times,
-        path_positions,
+        object=track.scene_object(settings),
+        times=times,
+        positions=positions,
+        covariances=frame_covariances,
+        bias=bias,
+        attitudes=attitudes or None,
+        path_times=path_times,
+        path_positions=path_positions,
     )
 
 
@@ -269,12 +269,7 @@ def _piece(
                         parts[k].object,
                         Trajectory(parts[k].path_times, parts[k].path_positions),
                         state,
-                        Detections(
-                            parts[k].times,
-                            parts[k].positions,
-                            parts[k].covariances,
-                            parts[k].bias,
-                        ),
+                        parts[k].detections,
                     )
                     for k, state in zip(members, known_states, strict=True)
                 ),

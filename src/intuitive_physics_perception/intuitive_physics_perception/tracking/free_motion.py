@@ -8,11 +8,12 @@ where the next point contradicts it, the first sign of a bounce.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.observation import Detections
 from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics_perception.tracking.attitude import Attitude
 from intuitive_physics_perception.tracking.motion import ROLLING_INERTIA, downward
@@ -82,16 +83,23 @@ class Record:
         """Return the part with start ≤ time < end."""
         inside = (self.times >= start) & (self.times < end)
         on_path = (self.path_times >= start) & (self.path_times < end)
-        return Record(
-            self.object,
-            self.times[inside],
-            self.positions[inside],
-            self.covariances[inside],
-            self.bias,
-            _chosen(self.attitudes, inside),
-            self.path_times[on_path],
-            self.path_positions[on_path],
+        attitudes = self.attitudes
+        if attitudes is not None:
+            attitudes = tuple(attitudes[k] for k in np.flatnonzero(inside))
+        return replace(
+            self,
+            times=self.times[inside],
+            positions=self.positions[inside],
+            covariances=self.covariances[inside],
+            attitudes=attitudes,
+            path_times=self.path_times[on_path],
+            path_positions=self.path_positions[on_path],
         )
+
+    @property
+    def detections(self) -> Detections:
+        """Times, positions and covariances, as observations have them."""
+        return Detections(self.times, self.positions, self.covariances, self.bias)
 
     def covariance_at(self, k: int) -> NDArray[np.float64]:
         """Return the covariance (3, 3) in m² of the whole error of point k."""
@@ -103,14 +111,6 @@ class Record:
         if not len(self.times):
             return 0.0
         return float(np.linalg.norm(self.positions - self.positions[0], axis=1).max())
-
-
-def _chosen(
-    attitudes: tuple[Attitude, ...] | None, which: NDArray[np.bool_]
-) -> tuple[Attitude, ...] | None:
-    if attitudes is None:
-        return None
-    return tuple(attitudes[k] for k in np.flatnonzero(which))
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,14 +259,14 @@ class FreeMotion:
         )
         covariance[:3, :3] += record.bias
         return Stretch(
-            start,
-            grown.end,
-            float(record.times[start]),
-            mean,
-            covariance,
-            acceleration,
-            plane,
-            grown.expected is None,
+            start=start,
+            end=grown.end,
+            time=float(record.times[start]),
+            mean=mean,
+            covariance=covariance,
+            acceleration=acceleration,
+            plane=plane,
+            goes_on=grown.expected is None,
         )
 
     def _evidence(self, stretch: Stretch) -> float:

@@ -88,14 +88,14 @@ def fit_box(
     across = faces.rotation @ np.diag(np.where(has_face, 0.25, 0.5) * variance) @ faces.rotation.T
     turn = (np.median(deviations) / edges.max()) ** 2 * 12.0 / max(len(points), 1) + 1e-4
     return DetectedSolid(
-        Box((float(edges[0]), float(edges[1]), float(edges[2]))),
-        center,
-        faces.rotation,
-        across,
-        turn * np.eye(3),
-        variance + SURFACE_DEVIATION**2,
-        len(points),
-        float(np.mean(np.square(faces.errors[faces.face >= 0]))),
+        shape=Box((float(edges[0]), float(edges[1]), float(edges[2]))),
+        center=center,
+        rotation=faces.rotation,
+        position_covariance=across,
+        rotation_covariance=turn * np.eye(3),
+        size_variance=variance + SURFACE_DEVIATION**2,
+        points=len(points),
+        misfit=float(np.mean(np.square(faces.errors[faces.face >= 0]))),
     )
 
 

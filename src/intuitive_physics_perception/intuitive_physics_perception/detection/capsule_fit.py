@@ -72,14 +72,14 @@ def fit_capsule(
     turn = np.cross(axis, np.eye(3)).T / half
     rotation_covariance = turn @ covariance[3:6, 3:6] @ turn.T + np.pi**2 * np.outer(axis, axis)
     return DetectedSolid(
-        Capsule(float(parameters[6]), 2.0 * half),
-        parameters[:3],
-        np.column_stack([first, second, axis]),
-        covariance[:3, :3],
-        rotation_covariance,
-        float(covariance[6, 6]),
-        len(points),
-        misfit,
+        shape=Capsule(float(parameters[6]), 2.0 * half),
+        center=parameters[:3],
+        rotation=np.column_stack([first, second, axis]),
+        position_covariance=covariance[:3, :3],
+        rotation_covariance=rotation_covariance,
+        size_variance=float(covariance[6, 6]),
+        points=len(points),
+        misfit=misfit,
     )
 
 

@@ -135,12 +135,12 @@ class PoseTracker:
         center = np.array(pose.translation)
         if isinstance(shape, Box | Capsule):
             return DetectedSolid(
-                shape,
-                center,
-                pose.matrix,
-                position,
-                measured.rotation_covariance,
-                SIZE_DEVIATION**2,
+                shape=shape,
+                center=center,
+                rotation=pose.matrix,
+                position_covariance=position,
+                rotation_covariance=measured.rotation_covariance,
+                size_variance=SIZE_DEVIATION**2,
                 points=1,
                 misfit=1.0,
             )

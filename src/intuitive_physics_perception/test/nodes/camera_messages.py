@@ -85,3 +85,8 @@ def play_until(peer, publisher, make, holds, what: str) -> None:
     """
     times = count(0.0, STEP)
     peer.spin_until(lambda: holds() or play(peer, publisher, [make(next(times))]), what)
+
+
+def show_until(peer, publisher, depth, start: float, holds, what: str) -> None:
+    """Publish one depth image again and again, from a time (s) on, until something holds."""
+    play_until(peer, publisher, lambda time: image_message(depth, start + time), holds, what)

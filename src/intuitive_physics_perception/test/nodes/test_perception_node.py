@@ -42,6 +42,7 @@ from .camera_messages import (
     info_message,
     play,
     play_until,
+    show_until,
     throw,
 )
 
@@ -71,6 +72,11 @@ def room(make_small_room):
     return make_small_room(tilt=25.0, seed=5)
 
 
+@pytest.fixture
+def images(peer):
+    return peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+
+
 def exact(stamp: Time) -> tuple[int, int]:
     return stamp.sec, stamp.nanosec
 
@@ -84,14 +90,14 @@ def says(heard, name: str, text: str, node: str = "perception_node") -> bool:
     )
 
 
-def test_images_without_camera_info_are_named_and_then_used(peer, node, room) -> None:
+def test_images_without_camera_info_are_named_and_then_used(peer, images, node, room) -> None:
     heard = peer.listen(DiagnosticArray, "/diagnostics")
-    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     empty = room.depth()
-    play_until(
+    show_until(
         peer,
         images,
-        lambda time: image_message(empty, 1.0 + time),
+        empty,
+        1.0,
         lambda: says(heard, "depth/image", "without a CameraInfo"),
         "a diagnostic of images",
     )
@@ -111,20 +117,13 @@ def test_images_without_camera_info_are_named_and_then_used(peer, node, room) ->
     assert node.output.count("without a CameraInfo") == 1
 
 
-def test_a_throw_gives_environment_states_and_one_observation(peer, node, room) -> None:
+def test_a_throw_gives_environment_states_and_one_observation(peer, images, node, room) -> None:
     environments = peer.listen(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
     states = peer.listen(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
     observations = peer.listen(Observation, "intuitive_physics/observations", OBSERVATIONS)
     markers = peer.listen(MarkerArray, f"{NODE}/markers")
-    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     empty = room.depth()
-    play_until(
-        peer,
-        images,
-        lambda time: image_message(empty, 50.0 + time),
-        lambda: environments,
-        "an environment",
-    )
+    show_until(peer, images, empty, 50.0, lambda: environments, "an environment")
     # Stamps that no double of seconds holds.
     start, step = 1_795_000_000_000_000_007, round(1e9 * STEP) + 1
     stamps = [divmod(start + step * k, 1_000_000_000) for k in range(len(throw(room)))]
@@ -169,9 +168,8 @@ def test_a_late_learner_still_gets_environment_and_observations(peer) -> None:
     peer.spin_until(lambda: environments and observations, "what was published before")
 
 
-def test_time_that_jumps_back_restarts_the_tracker(peer, node, room) -> None:
+def test_time_that_jumps_back_restarts_the_tracker(peer, images, node, room) -> None:
     observations = peer.listen(Observation, "intuitive_physics/observations", OBSERVATIONS)
-    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     peer.spin_until(lambda: observations, "the first observation")
     before = len(observations)
     play(peer, images, [image_message(d, 20.0 + STEP * k) for k, d in enumerate(throw(room))])
@@ -190,8 +188,7 @@ def test_time_that_jumps_back_restarts_the_tracker(peer, node, room) -> None:
         ({"width": 319, "step": 640}, "expected the same size"),
     ],
 )
-def test_images_that_cannot_be_used_are_named(peer, node, room, changes, text) -> None:
-    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
+def test_images_that_cannot_be_used_are_named(peer, images, node, room, changes, text) -> None:
     empty = room.depth()
     play_until(
         peer,
@@ -202,21 +199,19 @@ def test_images_that_cannot_be_used_are_named(peer, node, room, changes, text) -
     )
 
 
-def test_an_image_without_readings_is_named_and_the_next_good_one_used(peer, room) -> None:
+def test_an_image_without_readings_is_named_and_the_next_good_one_used(peer, images, room) -> None:
     heard = peer.listen(DiagnosticArray, "/diagnostics")
     states = peer.listen(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
-    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     blind, empty = np.zeros((240, 320)), room.depth()
-    play_until(
+    show_until(
         peer,
         images,
-        lambda time: image_message(blind, 300.0 + time),
+        blind,
+        300.0,
         lambda: says(heard, "depth/image", "no reading"),
         "a diagnostic of images",
     )
-    play_until(
-        peer, images, lambda time: image_message(empty, 340.0 + time), lambda: states, "states"
-    )
+    show_until(peer, images, empty, 340.0, lambda: states, "states")
 
 
 def color_message(color, size: tuple[int, int], time: float) -> Image:
@@ -231,10 +226,9 @@ def color_message(color, size: tuple[int, int], time: float) -> Image:
     )
 
 
-def test_colour_images_show_in_the_markers_and_must_be_registered(peer, room) -> None:
+def test_colour_images_show_in_the_markers_and_must_be_registered(peer, images, room) -> None:
     heard = peer.listen(DiagnosticArray, "/diagnostics")
     markers = peer.listen(MarkerArray, f"{NODE}/markers")
-    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     colors = peer.publisher(Image, f"{NODE}/color/image", SENSOR_DATA)
     ball = room.depth([((1.4, 0.0, 0.45), 0.07)])
 
@@ -319,12 +313,11 @@ def test_compressed_images_are_as_good(peer, room) -> None:
     assert len(environment_from_message(environments[-1]).planes) == 3
 
 
-def test_no_image_makes_the_node_fall_or_hang(peer, node, room) -> None:
+def test_no_image_makes_the_node_fall_or_hang(peer, images, node, room) -> None:
     """Corrupted ones, named once each, and then a good one is perceived."""
     rng = np.random.default_rng(0)
     states = peer.listen(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
     infos = peer.publisher(CameraInfo, f"{NODE}/depth/camera_info", SENSOR_DATA)
-    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     empty = room.depth()
     before = node.output.count("rejected")
     for k in range(40):
@@ -336,23 +329,21 @@ def test_no_image_makes_the_node_fall_or_hang(peer, node, room) -> None:
             info.k = rng.choice([0.0, np.nan, -1.0, 1e300, 300.0], size=9)
             play(peer, infos, [info])
     states.clear()
-    play_until(
-        peer, images, lambda time: image_message(empty, 360.0 + time), lambda: states, "states"
-    )
+    show_until(peer, images, empty, 360.0, lambda: states, "states")
     # A few lines at once and then one a second, for each of two topics.
     assert 1 <= node.output.count("rejected") - before < 25
     assert "internal error" not in node.output
 
 
-def test_a_moved_camera_is_named_and_modelled_again(peer, node, make_small_room) -> None:
+def test_a_moved_camera_is_named_and_modelled_again(peer, images, node, make_small_room) -> None:
     environments = peer.listen(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
-    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     peer.spin_until(lambda: environments, "the environment")
     moved = make_small_room(tilt=33.0, height=0.9, seed=6).depth()
-    play_until(
+    show_until(
         peer,
         images,
-        lambda time: image_message(moved, 380.0 + time),
+        moved,
+        380.0,
         lambda: environments[-1].camera_pose.position.z > 0.88,
         "the environment from where the camera stands now",
     )
@@ -360,21 +351,16 @@ def test_a_moved_camera_is_named_and_modelled_again(peer, node, make_small_room)
     assert environments[-1].version > environments[0].version
 
 
-def test_the_environment_can_be_rebuilt(peer, room) -> None:
+def test_the_environment_can_be_rebuilt(peer, images, room) -> None:
     environments = peer.listen(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
     peer.spin_until(lambda: environments, "the environment")
     version = environments[-1].version
     answer = peer.call(Trigger, f"{NODE}/rebuild_environment", Trigger.Request())
     assert answer.success
     assert f"next {FRAMES} frames" in answer.message
-    images = peer.publisher(Image, f"{NODE}/depth/image", SENSOR_DATA)
     empty = room.depth()
-    play_until(
-        peer,
-        images,
-        lambda time: image_message(empty, 400.0 + time),
-        lambda: environments[-1].version > version,
-        "a new environment",
+    show_until(
+        peer, images, empty, 400.0, lambda: environments[-1].version > version, "a new environment"
     )
 
 

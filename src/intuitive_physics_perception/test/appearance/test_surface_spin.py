@@ -91,8 +91,8 @@ def test_the_gradient_is_that_of_the_misfit() -> None:
 
     def misfit(spin: NDArray[np.float64]) -> float:
         # Σ (e_k - e_j)² / 2 = Σ (e_k² + e_j²) / 2 - Σ e_k e_j.
-        found = sums(spin)
-        return float(found[POWER] - found[PRODUCT])
+        totals = sums(spin)
+        return float(totals[POWER] - totals[PRODUCT])
 
     step = 1e-3
     numeric = [
@@ -123,23 +123,23 @@ def test_smooth_light_makes_no_difference() -> None:
 @pytest.mark.parametrize("spin", [(0.5, 2.0, -3.0), (12.0, -9.0, 4.0), (30.0, 5.0, -25.0)])
 def test_a_texture_tells_the_spin(spin: tuple[float, float, float]) -> None:
     truth = np.array(spin)
-    found = SurfaceSpin()
-    for time, one in zip(*flight(waves(3), truth, 6), strict=True):
-        found.take(time, one)
-    assert found.spin is not None
-    error = found.spin.mean - truth
+    estimator = SurfaceSpin()
+    for time, view in zip(*flight(waves(3), truth, 6), strict=True):
+        estimator.take(time, view)
+    assert estimator.spin is not None
+    error = estimator.spin.mean - truth
     assert np.linalg.norm(error) < 0.3
-    assert error @ np.linalg.solve(found.spin.covariance, error) < 16.0
+    assert error @ np.linalg.solve(estimator.spin.covariance, error) < 16.0
 
 
 def last_spin(
     surface: Field, spin: NDArray[np.float64], frames: int, seed: int, noise: float = 0.05
 ) -> Spin | None:
     """What is known of a spin at the end of a flight."""
-    found, rng = SurfaceSpin(), np.random.default_rng(seed)
-    for time, one in zip(*flight(surface, spin, frames, seed, noise=noise, rng=rng), strict=True):
-        found.take(time, one)
-    return found.spin
+    estimator, rng = SurfaceSpin(), np.random.default_rng(seed)
+    for time, view in zip(*flight(surface, spin, frames, seed, noise=noise, rng=rng), strict=True):
+        estimator.take(time, view)
+    return estimator.spin
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -147,11 +147,11 @@ def last_spin(
 def test_a_fast_ball_is_known(turn: float, seed: int) -> None:
     truth = np.random.default_rng(seed).normal(size=3)
     truth *= turn * RATE / np.linalg.norm(truth)
-    found = last_spin(waves(seed), truth, 8, seed)
-    assert found is not None
-    assert np.linalg.norm(found.mean - truth) < 1.0
-    error = found.mean - truth
-    assert error @ np.linalg.solve(found.covariance, error) < 16.0
+    estimate = last_spin(waves(seed), truth, 8, seed)
+    assert estimate is not None
+    assert np.linalg.norm(estimate.mean - truth) < 1.0
+    error = estimate.mean - truth
+    assert error @ np.linalg.solve(estimate.covariance, error) < 16.0
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -166,8 +166,8 @@ def test_about_half_a_turn_from_frame_to_frame_is_not_believed(turn: float, seed
 def test_images_a_whole_turn_apart_say_nothing_of_the_axis(seed: int) -> None:
     truth = np.random.default_rng(seed).normal(size=3)
     truth *= 2.0 * np.pi / 3.0 * RATE / np.linalg.norm(truth)
-    found = last_spin(waves(seed), truth, 8, seed)
-    assert found is None or np.linalg.norm(found.mean - truth) < 1.5
+    estimate = last_spin(waves(seed), truth, 8, seed)
+    assert estimate is None or np.linalg.norm(estimate.mean - truth) < 1.5
 
 
 def test_a_pattern_on_one_side_is_known_when_it_comes_back() -> None:
@@ -177,25 +177,25 @@ def test_a_pattern_on_one_side_is_known_when_it_comes_back() -> None:
     for seed in range(8):
         truth = np.random.default_rng(seed).normal(size=3)
         truth *= 1.9 * RATE / np.linalg.norm(truth)
-        found = last_spin(cap, truth, 10, seed)
-        known += found is not None
-        assert found is None or np.linalg.norm(found.mean - truth) < 2.0
+        estimate = last_spin(cap, truth, 10, seed)
+        known += estimate is not None
+        assert estimate is None or np.linalg.norm(estimate.mean - truth) < 2.0
     assert known >= 6
 
 
 def test_views_without_a_common_part_tell_nothing() -> None:
-    found = SurfaceSpin()
+    estimator = SurfaceSpin()
     for k, toward in enumerate(([-1.0, 0.0, 0.1], [1.0, 0.0, 0.1], [0.0, 0.0, -1.0])):
         axes = axes_towards(np.array(toward) + [0.0, 0.01, 0.0])
-        found.take(k / RATE, image(waves(k), np.eye(3), axes))
-    assert found.spin is None
+        estimator.take(k / RATE, image(waves(k), np.eye(3), axes))
+    assert estimator.spin is None
 
 
 def test_centres_that_are_off_alike_turn_the_axis() -> None:
     spin, deviation = np.array([0.0, 40.0, 30.0]), 0.02
     times, images = flight(waves(3), spin, 6)
     exact, unsure = (
-        ImageSeries(times, [replace(one, place_deviation=off) for one in images]).fitted(spin)
+        ImageSeries(times, [replace(view, place_deviation=off) for view in images]).fitted(spin)
         for off in (0.0, deviation)
     )
     # Turned about an axis across the line of sight, which is near -x, the spin moves along x.
@@ -211,60 +211,60 @@ def test_noise_widens_the_covariance(monkeypatch) -> None:
         times, images = flight(
             waves(4), np.array([4.0, 2.0, 1.0]), 5, noise=noise, rng=np.random.default_rng(0)
         )
-        found = ImageSeries(times, images).fitted(np.array([4.0, 2.0, 1.0]))
-        spreads.append(float(np.trace(found.covariance)))
+        estimate = ImageSeries(times, images).fitted(np.array([4.0, 2.0, 1.0]))
+        spreads.append(float(np.trace(estimate.covariance)))
     assert spreads[1] > 1.5 * spreads[0]
 
 
 @pytest.mark.parametrize("seed", range(10))
 def test_noise_is_no_pattern(seed: int) -> None:
-    found = SurfaceSpin()
+    estimator = SurfaceSpin()
     plain: Field = lambda n: 0.0 * n[..., 0]  # noqa: E731
     rng = np.random.default_rng(seed)
-    for time, one in zip(*flight(plain, np.ones(3), 7, noise=1.0, rng=rng), strict=True):
-        found.take(time, one)
-        assert found.spin is None
+    for time, view in zip(*flight(plain, np.ones(3), 7, noise=1.0, rng=rng), strict=True):
+        estimator.take(time, view)
+        assert estimator.spin is None
 
 
 def test_what_stands_still_in_the_room_is_light() -> None:
-    found = SurfaceSpin()
-    for time, one in zip(*flight(waves(5), np.zeros(3), 7), strict=True):
-        found.take(time, one)
-        assert found.spin is None
+    estimator = SurfaceSpin()
+    for time, view in zip(*flight(waves(5), np.zeros(3), 7), strict=True):
+        estimator.take(time, view)
+        assert estimator.spin is None
 
 
 def test_a_pattern_that_looks_the_same_elsewhere_has_no_one_spin() -> None:
     # Sixteen meridians: a turn about their axis by a sixteenth goes unnoticed.
     meridians: Field = lambda n: np.cos(16.0 * np.arctan2(n[..., 0], n[..., 1]))  # noqa: E731
-    found = SurfaceSpin()
+    estimator = SurfaceSpin()
     axes = axes_towards(np.array([0.0, 0.1, 1.0]))
     for k in range(6):
         turn = Rotation.from_rotvec([0.0, 0.0, 0.15 * k]).as_matrix()
-        found.take(k / RATE, image(meridians, turn, axes))
-    assert found.spin is None
+        estimator.take(k / RATE, image(meridians, turn, axes))
+    assert estimator.spin is None
 
 
 def test_another_spin_after_a_hit_is_not_the_one_before() -> None:
-    found = SurfaceSpin()
+    estimator = SurfaceSpin()
     times, images = flight(waves(6), np.array([8.0, 2.0, -3.0]), 5)
     _, others = flight(waves(6), np.array([-6.0, 9.0, 7.0]), 12, seed=9)
-    for time, one in zip(times, images, strict=True):
-        found.take(time, one)
-    assert found.spin is not None
-    for k, one in enumerate(others[5:10]):
-        found.take(times[-1] + (k + 1) / RATE, one)
-    assert found.spin is None or found.spin.mean == pytest.approx([-6.0, 9.0, 7.0], abs=0.5)
+    for time, view in zip(times, images, strict=True):
+        estimator.take(time, view)
+    assert estimator.spin is not None
+    for k, view in enumerate(others[5:10]):
+        estimator.take(times[-1] + (k + 1) / RATE, view)
+    assert estimator.spin is None or estimator.spin.mean == pytest.approx([-6.0, 9.0, 7.0], abs=0.5)
 
 
 def test_forgetting_begins_again() -> None:
-    found = SurfaceSpin()
+    estimator = SurfaceSpin()
     times, images = flight(waves(7), np.array([8.0, 2.0, -3.0]), 5)
-    for time, one in zip(times, images, strict=True):
-        found.take(time, one)
-    assert found.spin is not None
-    found.forget()
-    found.take(times[-1] + 1.0 / RATE, images[-1])
-    assert found.spin is None
+    for time, view in zip(times, images, strict=True):
+        estimator.take(time, view)
+    assert estimator.spin is not None
+    estimator.forget()
+    estimator.take(times[-1] + 1.0 / RATE, images[-1])
+    assert estimator.spin is None
 
 
 def test_rotations_are_tried_up_to_the_largest_one() -> None:
@@ -286,11 +286,11 @@ def test_a_spin_is_at_its_rotation_in_each_table() -> None:
 
 
 def test_images_that_lie_on_one_another_score_by_their_power() -> None:
-    one = image(waves(8), np.eye(3), axes_towards(np.array([-1.0, 0.2, 0.1]))).coarse
+    view = image(waves(8), np.eye(3), axes_towards(np.array([-1.0, 0.2, 0.1]))).coarse
     axes, scores = np.stack([np.eye(3), np.eye(3)]), np.zeros(2)
-    add_scores(one, one, axes, np.stack([np.eye(3), np.diag([-1.0, 1.0, -1.0])]), 0.12, scores)
-    rows, columns = np.indices(one.shape)
-    power = np.nansum(np.square(one[(rows + columns) % 2 == 0]))
+    add_scores(view, view, axes, np.stack([np.eye(3), np.diag([-1.0, 1.0, -1.0])]), 0.12, scores)
+    rows, columns = np.indices(view.shape)
+    power = np.nansum(np.square(view[(rows + columns) % 2 == 0]))
     # Turned by half a turn nothing is seen in both.
     assert scores == pytest.approx([(1.0 - DISAGREEMENT) * power, 0.0], rel=1e-4)
 

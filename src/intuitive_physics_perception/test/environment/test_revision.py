@@ -36,14 +36,14 @@ class Film:
 
     def play(self, seconds, extra=(), balls=()):
         """Results of the frames of some seconds; `extra` and `balls` may depend on the time."""
-        found = []
+        results = []
         for k in range(round(seconds / STEP)):
             now = extra(k * STEP) if callable(extra) else extra
             moving = balls(k * STEP) if callable(balls) else balls
             points = self.room.points(moving, now)
-            found.append(self.pipeline.process(points, self.time))
+            results.append(self.pipeline.process(points, self.time))
             self.time += STEP
-        return found
+        return results
 
 
 @pytest.fixture
@@ -70,12 +70,12 @@ def test_a_board_that_leaves_hides_nothing_any_more(film, box) -> None:
     model = after[-1].model
     faces = [plane.normal for plane in first.environment.planes]
     assert len(model.environment.planes) == len(faces) - 1
-    assert {one.id for one in model.environment.planes} < {
-        one.id for one in first.environment.planes
+    assert {plane.id for plane in model.environment.planes} < {
+        plane.id for plane in first.environment.planes
     }
     flight = lambda t: [((2.3, 0.6 - 1.2 * t, 0.5), 0.06)]  # noqa: E731
-    seen = film.play(0.8, balls=flight)
-    assert sum(len(result.objects) == 1 for result in seen) >= 0.7 * len(seen)
+    results = film.play(0.8, balls=flight)
+    assert sum(len(result.objects) == 1 for result in results) >= 0.7 * len(results)
 
 
 def test_the_frame_and_what_is_still_there_stay(film, box) -> None:
@@ -95,17 +95,17 @@ def test_a_box_that_is_put_down_and_stays_is_an_obstacle(film, shapes) -> None:
     """A stool of no shape that is followed; once `come_time` is over it is a static box."""
     film.play(0.5)
     stool = shapes["cylinder"](1.5, 0.1, 0.15, 0.35)
-    seen = film.play(5.0, [stool])
-    assert no_move(seen)
-    since = [k * STEP for k, result in enumerate(seen) if result.revised]
+    results = film.play(5.0, [stool])
+    assert no_move(results)
+    since = [k * STEP for k, result in enumerate(results) if result.revised]
     assert since
     assert since[0] > COME_TIME
-    (one,) = seen[-1].model.environment.boxes
-    assert np.abs(one.center[:2] - [1.5, 0.1]).max() < 0.15
-    assert one.center[2] + 0.5 * one.edge_lengths[2] == pytest.approx(0.35, abs=0.03)
-    gone = film.play(2.0)
-    assert no_move(gone)
-    assert not gone[-1].model.environment.boxes
+    (crate,) = results[-1].model.environment.boxes
+    assert np.abs(crate.center[:2] - [1.5, 0.1]).max() < 0.15
+    assert crate.center[2] + 0.5 * crate.edge_lengths[2] == pytest.approx(0.35, abs=0.03)
+    after = film.play(2.0)
+    assert no_move(after)
+    assert not after[-1].model.environment.boxes
 
 
 def test_someone_who_walks_through_leaves_nothing_behind(film, shapes) -> None:
@@ -115,20 +115,20 @@ def test_someone_who_walks_through_leaves_nothing_behind(film, shapes) -> None:
     def person(t):
         return [shapes["cylinder"](1.3, -0.9 + 0.5 * t, 0.18, 1.8)]
 
-    seen = film.play(3.6, person)
+    results = film.play(3.6, person)
     hand = shapes["box"]((0.4, 0.0, 0.6), (0.05, 1.0, 1.0), 0.0)
-    seen += film.play(1.0, [hand])
-    seen += film.play(1.0)
-    assert no_move(seen)
-    assert not any(result.revised for result in seen)
-    assert seen[-1].model is first
+    results += film.play(1.0, [hand])
+    results += film.play(1.0)
+    assert no_move(results)
+    assert not any(result.revised for result in results)
+    assert results[-1].model is first
 
 
 def test_a_ball_that_rests_stays_an_object(film) -> None:
     film.play(0.5)
-    seen = film.play(5.0, balls=[((1.4, 0.1, 0.05), 0.05)])
-    assert not seen[-1].model.environment.boxes
-    assert all(len(result.objects) == 1 for result in seen[10:])
+    results = film.play(5.0, balls=[((1.4, 0.1, 0.05), 0.05)])
+    assert not results[-1].model.environment.boxes
+    assert all(len(result.objects) == 1 for result in results[10:])
 
 
 def test_tracks_go_on_while_the_environment_is_revised(film, box) -> None:
@@ -138,7 +138,9 @@ def test_tracks_go_on_while_the_environment_is_revised(film, box) -> None:
     before = film.play(0.5, [board], ball)[-1]
     after = film.play(1.5, balls=ball)
     assert any(result.revised for result in after)
-    assert {one.object.id for one in after[-1].objects} == {one.object.id for one in before.objects}
+    assert {item.object.id for item in after[-1].objects} == {
+        item.object.id for item in before.objects
+    }
 
 
 def test_a_revision_in_the_background_gives_the_same_environment(make_small_room, box) -> None:
@@ -149,8 +151,8 @@ def test_a_revision_in_the_background_gives_the_same_environment(make_small_room
     with ThreadPoolExecutor(1) as background:
         film = Film(make_small_room, background)
         film.play(0.5, [board])
-        found = film.play(4.0)[-1].model.environment
-    assert [plane.id for plane in found.planes] == [plane.id for plane in expected.planes]
+        environment = film.play(4.0)[-1].model.environment
+    assert [plane.id for plane in environment.planes] == [plane.id for plane in expected.planes]
 
 
 NOISE = RangeNoise(0.002, 0.0015, 0.05, 0.0008)

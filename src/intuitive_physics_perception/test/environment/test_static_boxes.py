@@ -26,7 +26,7 @@ def room(make_room):
 
 
 def frames_of(room, *, balls=((),) * FRAMES, extra=()):
-    return [room.points(seen, extra) for seen in balls]
+    return [room.points(frame_balls, extra) for frame_balls in balls]
 
 
 def boxes_in(frames, settings=SETTINGS):
@@ -93,9 +93,9 @@ def test_boxes_are_part_of_the_environment_unless_they_are_left_out(room, shapes
     for wanted in (True, False):
         settings = replace(SETTINGS, static_boxes=wanted)
         pipeline = PerceptionPipeline(settings, np.random.default_rng(0))
-        perceived = [pipeline.process(frame, 0.1 * k) for k, frame in enumerate(frames)][-1]
-        assert len(perceived.model.environment.boxes) == int(wanted)
-        assert len(perceived.model.seen_environment().boxes) == int(wanted)
+        result = [pipeline.process(frame, 0.1 * k) for k, frame in enumerate(frames)][-1]
+        assert len(result.model.environment.boxes) == int(wanted)
+        assert len(result.model.seen_environment().boxes) == int(wanted)
 
 
 def test_a_box_that_lies_there_from_the_start_is_an_object_where_solids_are_objects(
@@ -112,9 +112,9 @@ def test_a_box_that_lies_there_from_the_start_is_an_object_where_solids_are_obje
 
     settings = replace(SETTINGS, solids_are_objects=True)
     pipeline = PerceptionPipeline(settings, np.random.default_rng(0))
-    perceived = [pipeline.process(frame(y), step * k) for k, y in enumerate(slid)]
-    assert perceived[-1].model.environment.boxes == ()
-    (lying,), (sliding,) = perceived[resting - 1].objects, perceived[-1].objects
+    results = [pipeline.process(frame(y), step * k) for k, y in enumerate(slid)]
+    assert results[-1].model.environment.boxes == ()
+    (lying,), (sliding,) = results[resting - 1].objects, results[-1].objects
     assert sliding.object.id == lying.object.id
     assert sorted(lying.object.shape.edge_lengths) == pytest.approx(sorted(CRATE_EDGES), abs=0.02)
     assert lying.state.position == pytest.approx(CRATE, abs=0.02)
@@ -122,6 +122,6 @@ def test_a_box_that_lies_there_from_the_start_is_an_object_where_solids_are_obje
     assert sliding.state.position == pytest.approx([1.5, 0.2 - slid[-1], 0.1], abs=0.02)
     assert sliding.state.linear_velocity == pytest.approx([0.0, -1.0, 0.0], abs=0.15)
     (observation,) = pipeline.finish()
-    (thing,) = observation.objects
+    (item,) = observation.objects
     assert observation.start_time == pytest.approx(step * (resting - 1), abs=2.5 * step)
-    assert thing.initial_state.linear_velocity == pytest.approx([0.0, -1.0, 0.0], abs=0.15)
+    assert item.initial_state.linear_velocity == pytest.approx([0.0, -1.0, 0.0], abs=0.15)

@@ -54,12 +54,12 @@ def test_a_camera_that_looks_down_has_its_floor_and_says_that_it_may_be_a_wall(
 
 
 def play(pipeline, room, seconds, start, ball=None, extra=()):
-    found = []
+    results = []
     for k in range(round(seconds / STEP)):
         balls = [] if ball is None else [ball(k * STEP)]
         (points,) = frames_of(room, 1, balls, extra)
-        found.append(pipeline.process(points, start + k * STEP))
-    return found
+        results.append(pipeline.process(points, start + k * STEP))
+    return results
 
 
 def throw(start, velocity):
@@ -84,21 +84,21 @@ def test_flights_tell_gravity_where_no_floor_is_seen(
     assert first.gravity_doubt
     up = room.rotation.T @ [0.0, 0.0, 1.0]
     thrown = throw((1.8, -0.6, 1.1), (0.3, 1.4, 2.5))
-    said = []
+    reasons = []
     for n in range(3):
-        said += [one.moved for one in watch(0.7, 1.0 + 2 * n, thrown) if one.moved]
-        said += [one.moved for one in watch(0.9, 1.7 + 2 * n) if one.moved]
-    assert len(said) == 1
-    assert "gravity" in said[0]
+        reasons += [result.moved for result in watch(0.7, 1.0 + 2 * n, thrown) if result.moved]
+        reasons += [result.moved for result in watch(0.9, 1.7 + 2 * n) if result.moved]
+    assert len(reasons) == 1
+    assert "gravity" in reasons[0]
     assert pipeline.model is not None
     assert angle(pipeline.model.rotation[2], up) < 2.0
     assert not pipeline.model.gravity_doubt
-    seen = watch(0.5, 8.0, thrown)[-1]
-    (one,) = seen.objects
+    last = watch(0.5, 8.0, thrown)[-1]
+    (result,) = last.objects
     velocity = np.array([0.3, 1.4, 2.5]) + (0.5 - STEP) * GRAVITY
     expected = pipeline.model.rotation @ room.rotation.T @ velocity
-    deviation = np.sqrt(np.diag(one.state.covariance)[6:9])
-    assert np.abs(one.state.linear_velocity - expected).max() < max(4.0 * deviation.max(), 0.1)
+    deviation = np.sqrt(np.diag(result.state.covariance)[6:9])
+    assert np.abs(result.state.linear_velocity - expected).max() < max(4.0 * deviation.max(), 0.1)
 
 
 directions = st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1)
@@ -116,10 +116,10 @@ def test_flights_in_any_direction_tell_it_within_their_deviation(direction, seed
         places = times[:, None] * velocity - 0.5 * 9.81 * times[:, None] ** 2 * up
         places += 0.002 * rng.normal(size=places.shape)
         flights.take(times, places, np.tile(4e-6 * np.eye(3), (len(times), 1, 1)))
-    found = flights.up()
-    assert found is not None
+    estimate = flights.up()
+    assert estimate is not None
     # Five deviations: one in a million examples is beyond.
-    assert angle(found[0], up) < 5.0 * found[1] * np.sqrt(2.0)
+    assert angle(estimate[0], up) < 5.0 * estimate[1] * np.sqrt(2.0)
 
 
 def test_the_newest_flights_count() -> None:
@@ -133,9 +133,9 @@ def test_the_newest_flights_count() -> None:
             places -= 0.5 * 9.81 * times[:, None] ** 2 * np.array(up)
             places += 0.002 * rng.normal(size=places.shape)
             flights.take(times, places, np.tile(4e-6 * np.eye(3), (len(times), 1, 1)))
-        found = flights.up()
-        assert found is not None
-        assert angle(found[0], up) < 5.0 * found[1] * np.sqrt(2.0)
+        estimate = flights.up()
+        assert estimate is not None
+        assert angle(estimate[0], up) < 5.0 * estimate[1] * np.sqrt(2.0)
 
 
 @given(st.integers(0, 1000), st.floats(0.0, 6.0))

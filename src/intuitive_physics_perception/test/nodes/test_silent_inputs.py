@@ -48,9 +48,9 @@ def test_a_wrong_camera_and_a_wrong_clock_are_warnings_with_the_right_names():
         assert len(warnings) == 4
         heard.clear()
         peer.spin_until(lambda: heard, "diagnostics")
-        told = {status.name: status.message for status in heard[-1].status}
+        messages = {status.name: status.message for status in heard[-1].status}
         for name, text in (("depth/image", frames), ("points", frames), ("clock", time)):
-            assert text in told[f"perception_node: {name}"]
+            assert text in messages[f"perception_node: {name}"]
         node.check_running()
 
 

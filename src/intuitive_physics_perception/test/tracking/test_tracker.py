@@ -208,24 +208,24 @@ def test_single_false_detections_never_become_objects(rng) -> None:
 
 
 def test_a_known_object_gives_name_material_and_radius(rng, bounce) -> None:
-    known = (KnownObject("small", 0.03, "wood"), KnownObject("large", 0.05, "rubber"))
-    settings = replace(SETTINGS, known_objects=known)
+    objects = (KnownObject("small", 0.03, "wood"), KnownObject("large", 0.05, "rubber"))
+    settings = replace(SETTINGS, known_objects=objects)
     times = np.arange(0, 0.4, STEP)
     path = bounce(times, (0, 0, 1), (1, 0, 0), 0.05)
     alive, _ = follow(Tracker(FLOOR, settings), rng, [path], times, radius=0.051)
-    thing = alive[-1][0].scene_object(settings)
-    assert (thing.id, thing.material) == ("large_1", "rubber")
-    assert thing.shape.bounding_radius == pytest.approx(0.05, abs=1e-4)
+    ball = alive[-1][0].scene_object(settings)
+    assert (ball.id, ball.material) == ("large_1", "rubber")
+    assert ball.shape.bounding_radius == pytest.approx(0.05, abs=1e-4)
     alive, _ = follow(Tracker(FLOOR, settings), rng, [path], times, radius=0.04)
-    thing = alive[-1][0].scene_object(settings)
-    assert (thing.id, thing.material) == ("sphere_1", "ball_38_46mm")
+    ball = alive[-1][0].scene_object(settings)
+    assert (ball.id, ball.material) == ("sphere_1", "ball_38_46mm")
 
 
 def test_unknown_spheres_have_the_material_of_their_size(rng, bounce) -> None:
     times = np.arange(0, 0.4, STEP)
     path = bounce(times, (0, 0, 1), (1, 0, 0), 0.05)
-    known = (KnownObject("large", 0.05, "rubber"),)
-    settings = replace(SETTINGS, known_objects=known)
+    objects = (KnownObject("large", 0.05, "rubber"),)
+    settings = replace(SETTINGS, known_objects=objects)
     alike = replace(settings, material_radius_ratio=1.0)
     cases = {0.02: "ball_18_22mm", 0.033: "ball_32_38mm", 0.035: "ball_32_38mm", 0.05: "rubber"}
     for radius, material in cases.items():
@@ -283,7 +283,7 @@ def test_a_ball_that_starts_slowly_from_rest_is_seen_to_move(rng, rate, speed) -
     """Within 0.4 s, though no single frame contradicts rest."""
     times = np.arange(0, 3.0, 1.0 / rate)
     along = np.maximum(times - 1.5, 0.0) * speed
-    tracker, found = Tracker(FLOOR, SETTINGS), []
+    tracker, velocities = Tracker(FLOOR, SETTINGS), []
     for time, x in zip(times, along, strict=True):
         tracker.update(float(time), [detection(rng, (x, 0.2, 0.05))])
         (track,) = tracker.tracks or [None]
@@ -293,8 +293,8 @@ def test_a_ball_that_starts_slowly_from_rest_is_seen_to_move(rng, rate, speed) -
             assert not track.resting
             off = track.mean[3:6] - [speed, 0, 0]
             assert off @ np.linalg.solve(track.covariance[3:6, 3:6], off) < 25.0
-            found.append(track.mean[3:6])
-    assert np.mean(found, axis=0) == pytest.approx([speed, 0, 0], abs=0.015)
+            velocities.append(track.mean[3:6])
+    assert np.mean(velocities, axis=0) == pytest.approx([speed, 0, 0], abs=0.015)
     assert 1.2 < track.moving_since < 1.8
 
 
@@ -312,12 +312,12 @@ def test_a_ball_at_rest_stays_at_rest_whatever_the_noise(seed, rate, noise) -> N
 @pytest.mark.parametrize("rate", [15, 30, 60, 90])
 def test_an_object_is_one_after_the_same_time_at_every_frame_rate(rng, rate) -> None:
     tracker, times = Tracker(FLOOR, SETTINGS), np.arange(0, 0.5, 1.0 / rate)
-    known = []
+    is_object = []
     for time in times:
         tracker.update(float(time), [detection(rng, (0.3, 0.2, 0.5))])
-        known.append(bool(tracker.tracks))
+        is_object.append(bool(tracker.tracks))
     # Three frames at 30 Hz last 67 ms; a slower camera needs as many.
-    assert times[known.index(True)] == pytest.approx(max(2 / 30, 2 / rate), abs=0.018)
+    assert times[is_object.index(True)] == pytest.approx(max(2 / 30, 2 / rate), abs=0.018)
 
 
 @pytest.mark.parametrize("rate", [30, 60, 90])

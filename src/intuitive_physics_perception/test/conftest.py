@@ -245,7 +245,7 @@ def make_room() -> type[Room]:
 @pytest.fixture(scope="session")
 def make_small_room() -> Callable[..., Room]:
     """Rooms whose camera has a quarter of the pixels."""
-    return partial(Room, width=320, height_pixels=240, focal=262.5)
+    return partial(Room, width=320, height_pixels=240, focal=262.0)
 
 
 @pytest.fixture

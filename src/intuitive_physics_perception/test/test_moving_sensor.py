@@ -62,7 +62,7 @@ class Head:
 
 @pytest.fixture
 def head(make_small_room) -> Head:
-    return Head(make_small_room(tilt=25.0, seed=12))
+    return Head(make_small_room(tilt=25.0, seed=12, focal=262.5))
 
 
 CLUTTER = (

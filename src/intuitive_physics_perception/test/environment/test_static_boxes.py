@@ -102,7 +102,7 @@ def test_a_box_that_lies_there_from_the_start_is_an_object_where_solids_are_obje
     make_small_room, shapes
 ) -> None:
     """Pushed later, it slides 1 m/s along y without friction, 33 cm in 10 frames."""
-    small = make_small_room(tilt=30.0, seed=9)
+    small = make_small_room(tilt=30.0, seed=9, focal=262.5)
     step, resting, pushed = 1.0 / 30.0, FRAMES + 18, 10
     slid = step * np.concatenate([np.zeros(resting), np.arange(1, pushed + 1)])
 

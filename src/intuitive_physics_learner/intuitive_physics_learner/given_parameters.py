@@ -54,10 +54,10 @@ def check_within_bounds(
     limits = {**DEFAULT_BOUNDS, **(bounds or {})}
     names, values = parameter_names(parameters.materials), parameter_vector(parameters)
     for index in np.flatnonzero(chosen):
-        own, value = limits[names[index].split("[")[0]], values[index]
-        if not own.lower <= value <= own.upper:
+        limit, value = limits[names[index].split("[")[0]], values[index]
+        if not limit.lower <= value <= limit.upper:
             raise InvalidInputError(
-                f"{names[index]} is {value:g}; expected {own.lower:g} to {own.upper:g}, its "
+                f"{names[index]} is {value:g}; expected {limit.lower:g} to {limit.upper:g}, its "
                 "bounds in a search: give another value or wider bounds"
             )
 
@@ -97,18 +97,18 @@ def given_parameters(
         )
     if given.posterior is not None:
         bounds = {**given.posterior.bounds, **(bounds or {})}
-    own = np.ones(given.identified.size, dtype=bool)
+    selection = np.ones(given.identified.size, dtype=bool)
     base = given
     if names:
-        own = _chosen(given, names)
+        selection = _chosen(given, names)
         base = newest or LearnedParameters.defaults(given.materials)
         base = base.extended(tuple(dict.fromkeys((*base.materials, *given.materials))))
-    check_within_bounds(given.parameters, own, bounds)
+    check_within_bounds(given.parameters, selection, bounds)
     old, new = parameter_places(given.materials, base.materials)
     values = parameter_vector(base.parameters)
     deviations, identified = base.standard_deviations.copy(), base.identified.copy()
     intervals = base.intervals.copy()
-    old, new = old[own[old]], new[own[old]]
+    old, new = old[selection[old]], new[selection[old]]
     values[new] = parameter_vector(given.parameters)[old]
     deviations[new], identified[new] = _knowledge(given, as_what)[:, old]
     intervals[new] = np.nan if as_what == FIXED else given.intervals[old]
@@ -134,8 +134,8 @@ def _spins(
     given: LearnedParameters, newest: LearnedParameters | None, names: Sequence[str]
 ) -> InitialSpins:
     """How balls are thrown: no parameter of θ_s, so single ones leave it as it is."""
-    known = InitialSpins() if newest is None else newest.initial_spins
-    return known if names else known.updated(given.initial_spins)
+    spins = InitialSpins() if newest is None else newest.initial_spins
+    return spins if names else spins.updated(given.initial_spins)
 
 
 def _checked_posterior(
@@ -174,11 +174,11 @@ def _knowledge(given: LearnedParameters, as_what: str) -> NDArray[np.float64]:
     deviations = given.standard_deviations
     if as_what == FIXED:
         return np.stack([np.zeros(deviations.size), np.ones(deviations.size)])
-    known = deviations > 0.0
+    stated = deviations > 0.0
     return np.stack(
         [
-            np.where(known | given.identified, deviations, np.nan),
-            known | given.identified if as_what == PRIOR else given.identified,
+            np.where(stated | given.identified, deviations, np.nan),
+            stated | given.identified if as_what == PRIOR else given.identified,
         ]
     )
 
@@ -196,7 +196,7 @@ def _with_knowledge(
     `chosen` (|θ_s|,) bool, which parameters are given.
     """
     wide = widened_bounds(bounds or {}, merged.parameters)
-    own = ParameterPosterior.from_marginals(
+    marginals = ParameterPosterior.from_marginals(
         merged.parameters,
         merged.standard_deviations,
         merged.identified & chosen,
@@ -204,26 +204,32 @@ def _with_knowledge(
         wide,
     )
     if whole is not None and as_what != FIXED:
-        own = whole.within(wide)
-    nothing = np.zeros_like(own.information)
-    known = base.given
-    fixed = np.zeros(chosen.size, dtype=bool) if known is None else known.fixed & ~chosen
-    prior = ParameterPosterior(merged.materials, own.mean, own.factor[:0], wide)
-    stays = ParameterPosterior(merged.materials, own.mean, own.factor[:0], wide, own.intervals)
+        marginals = whole.within(wide)
+    nothing = np.zeros_like(marginals.information)
+    earlier = base.given
+    fixed = np.zeros(chosen.size, dtype=bool) if earlier is None else earlier.fixed & ~chosen
+    prior = ParameterPosterior(merged.materials, marginals.mean, marginals.factor[:0], wide)
+    stays = ParameterPosterior(
+        merged.materials, marginals.mean, marginals.factor[:0], wide, marginals.intervals
+    )
     if not chosen.all():
         stays = base.whole_posterior(bounds).within(wide)
-        stays = stays.renewed(chosen, own.mean, nothing, own.intervals)
-        if known is not None:
-            prior = known.prior.within(wide)
-            mean = np.where(chosen, own.mean, prior.mean)
-            prior = prior.renewed(chosen, mean, nothing, own.intervals)
+        stays = stays.renewed(chosen, marginals.mean, nothing, marginals.intervals)
+        if earlier is not None:
+            prior = earlier.prior.within(wide)
+            mean = np.where(chosen, marginals.mean, prior.mean)
+            prior = prior.renewed(chosen, mean, nothing, marginals.intervals)
     held = chosen & (as_what == FIXED)
     if as_what == PRIOR:
-        prior = prior.combined(_without_intervals(own, merged).factor)
+        prior = prior.combined(_without_intervals(marginals, merged).factor)
         held = chosen & merged.identified & (merged.standard_deviations == 0.0)
     knowledge = GivenKnowledge(prior, fixed | held)
     posterior = ParameterPosterior(
-        merged.materials, own.mean, stays.combined(own.factor).factor, wide, stays.intervals
+        merged.materials,
+        marginals.mean,
+        stays.combined(marginals.factor).factor,
+        wide,
+        stays.intervals,
     )
     posterior = knowledge.imposed_on(posterior, merged.parameters)
     return replace(

@@ -314,7 +314,7 @@ def _identity(
         "rule_settings": dict(options.rule_settings),
         "seed": options.seed,
         "bounds": {kind: [b.lower, b.upper, b.scale] for kind, b in bounds.items()},
-        "observations": [seen.id for seen in task.cost.observations],
+        "observations": [observation.id for observation in task.cost.observations],
         "start": task.start.to_dict(),
         "given": None if previous.given is None else previous.given.to_dict(),
     }
@@ -330,21 +330,21 @@ def _check_same_task(resume: Mapping[str, Any], task: Mapping[str, Any]) -> None
 
 
 def _unresponsive_restored(
-    task: LearningTask, found: SearchResult, identifiability: Identifiability
+    task: LearningTask, result: SearchResult, identifiability: Identifiability
 ) -> StaticParameters:
     """Set what J does not depend on back to its start: a search moves it at random."""
     responsive = identifiability.responsive
-    values = np.where(responsive, parameter_vector(found.parameters), parameter_vector(task.start))
-    m = len(found.parameters.materials)
+    values = np.where(responsive, parameter_vector(result.parameters), parameter_vector(task.start))
+    m = len(result.parameters.materials)
     frictions = values[m:].reshape(-1, len(PAIR_COEFFICIENTS))
     free = ~responsive[m:].reshape(frictions.shape)
     static, dynamic = frictions[:, 0], frictions[:, 1]
     static[free[:, 0]] = np.maximum(static, dynamic)[free[:, 0]]
     dynamic[free[:, 1]] = np.minimum(static, dynamic)[free[:, 1]]
-    settled = parameters_of_vector(found.parameters.materials, values)
-    if task.cost.costs([settled])[0] <= found.cost + NEGLIGIBLE_COST:
+    settled = parameters_of_vector(result.parameters.materials, values)
+    if task.cost.costs([settled])[0] <= result.cost + NEGLIGIBLE_COST:
         return settled
-    return found.parameters
+    return result.parameters
 
 
 def _merged(
@@ -410,8 +410,8 @@ def _merged_posterior(
         information,
         space.bounds,
     ).within(bounds)
-    known = previous.whole_posterior(space.bounds).within(bounds)
-    renewed = known.renewed(
+    posterior = previous.whole_posterior(space.bounds).within(bounds)
+    renewed = posterior.renewed(
         chosen, whole.to_unit(merged), new.information, unit_intervals(whole, merged, ends)
     )
     given = previous.given

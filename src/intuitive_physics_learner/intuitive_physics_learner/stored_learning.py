@@ -43,12 +43,12 @@ def check_environments(observations: Sequence[Observation], simulator: Simulator
     Every engine knows balls, so one that refuses this scene refuses the environment:
     an `IncompatibleEnvironmentError`.
     """
-    for seen in observations:
-        material = seen.objects[0].object.material
-        gravity = np.asarray(seen.environment.gravity)
+    for observation in observations:
+        material = observation.objects[0].object.material
+        gravity = np.asarray(observation.environment.gravity)
         up = -gravity / max(float(np.linalg.norm(gravity)), 1e-12)
         probe = Scene(
-            seen.environment,
+            observation.environment,
             (SceneObject("probe", material, Sphere(0.01)),),
             (ObjectState(PROBE_HEIGHT * up),),
         )
@@ -57,7 +57,7 @@ def check_environments(observations: Sequence[Observation], simulator: Simulator
             simulator.rollout([probe], neutral, np.array([0.0, 1e-3]))
         except UnsupportedSceneError as error:
             raise IncompatibleEnvironmentError(
-                f"environment of observation {seen.id} cannot be simulated: {error}"
+                f"environment of observation {observation.id} cannot be simulated: {error}"
             ) from None
 
 
@@ -155,13 +155,14 @@ def _observations(
     Those that the user included, or asked for by their ids, are trusted.
     """
     if options.observation_ids:
-        found = store.observations(options.observation_ids)
-        return found, replace(options, trusted_ids=[one.id for one in found])
+        observations = store.observations(options.observation_ids)
+        ids = [observation.id for observation in observations]
+        return observations, replace(options, trusted_ids=ids)
     if options.method != JOINT_METHOD:
         return store.observations(), options
     pairs = list(store.each_observation((USED, DOUBTFUL)))
     trusted = [entry.id for entry, _ in pairs if entry.reason == INCLUDED_BY_USER]
-    return [seen for _, seen in pairs], replace(options, trusted_ids=trusted)
+    return [observation for _, observation in pairs], replace(options, trusted_ids=trusted)
 
 
 class _StoredSearch:
@@ -240,7 +241,7 @@ def _key(
 ) -> str:
     """Digest of all that determines a search, apart from the θ_s it starts from."""
     parts = {
-        "observations": [one.id for one in observations],
+        "observations": [observation.id for observation in observations],
         "trusted": list(options.trusted_ids),
         "simulator": simulator.name,
         "method": options.method,

@@ -119,8 +119,8 @@ def gliding_task():
             state = ObjectState(position, linear_velocity=velocity, covariance=covariance)
             positions = position + effect(np.array(e)) * times[:, None] * velocity
             positions += generator.normal(0.0, noise, positions.shape)
-            seen = ObservedObject(ball, Trajectory(times, positions), state)
-            observed.append(Observation(FLOOR, (seen,), 0.0))
+            track = ObservedObject(ball, Trajectory(times, positions), state)
+            observed.append(Observation(FLOOR, (track,), 0.0))
         cost = TrajectoryCost(observed, GlideSimulator(effect))
         space = ParameterSpace(cost.materials)
         influence = parameter_influence(observed, cost.materials)
@@ -133,10 +133,10 @@ def gliding_task():
 @pytest.fixture(scope="session")
 def boxed(glides):
     """Observe a box, which the event-driven engine does not know."""
-    seen = glides(np.random.default_rng(0), 0.5, id="boxed")
-    (ball,) = seen.objects
+    observation = glides(np.random.default_rng(0), 0.5, id="boxed")
+    (ball,) = observation.objects
     box = SceneObject("box", "ball", Box((0.1, 0.2, 0.3)))
-    return replace(seen, objects=(ObservedObject(box, ball.trajectory, ball.initial_state),))
+    return replace(observation, objects=(ObservedObject(box, ball.trajectory, ball.initial_state),))
 
 
 TRUE_PARAMETERS = StaticParameters.uniform(["ball", "floor"]).with_pair(
@@ -172,11 +172,11 @@ def _throw(simulator, generator, noise, state_noise, count):
     state = ObjectState(position, linear_velocity=velocity)
     times = np.arange(count) / 30.0
     rollout = simulator.rollout([Scene(FLOOR, (ball,), (state,))], TRUE_PARAMETERS, times)
-    seen = rollout.positions[0, 0] + generator.normal(0.0, noise, (count, 3))
+    points = rollout.positions[0, 0] + generator.normal(0.0, noise, (count, 3))
     covariance = np.diag(np.repeat([1.0, 0.0, 25.0, 0.0], 3)) * state_noise**2
     believed = ObjectState(
         position + generator.normal(0.0, state_noise, 3),
         linear_velocity=velocity + generator.normal(0.0, 5.0 * state_noise, 3),
         covariance=covariance,
     )
-    return Observation(FLOOR, (ObservedObject(ball, Trajectory(times, seen), believed),), 0.0)
+    return Observation(FLOOR, (ObservedObject(ball, Trajectory(times, points), believed),), 0.0)

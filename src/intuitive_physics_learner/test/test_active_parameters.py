@@ -54,9 +54,9 @@ def test_the_cost_depends_on_no_other(event_driven, throws, seed):
     active = active_parameters(observed, materials)
     space = ParameterSpace(materials)
     generator = np.random.default_rng(seed)
-    one, other = generator.random((2, space.size))
-    other[active] = one[active]
-    first, second = cost.distances([space.to_parameters(one), space.to_parameters(other)])
+    point, other = generator.random((2, space.size))
+    other[active] = point[active]
+    first, second = cost.distances([space.to_parameters(point), space.to_parameters(other)])
     np.testing.assert_allclose(first, second, rtol=1e-9, atol=1e-9)
 
 

@@ -30,8 +30,8 @@ def weigh(information, estimates, at, weights):
     )
     posterior = Posterior.of([part], PRIOR * np.eye(q))
     step = -posterior.covariance @ part.scores.sum(axis=0)
-    (found,) = agreement_weights([part], [weights], posterior, step, FREEDOM)
-    return found, at + step
+    (agreement,) = agreement_weights([part], [weights], posterior, step, FREEDOM)
+    return agreement, at + step
 
 
 def settled(information, estimates, at):
@@ -54,13 +54,13 @@ def test_a_wrong_observation_holds_nothing_however_sure_it_is(seed, factor):
     lower = np.linalg.cholesky(np.linalg.inv(information))
     estimates = truth + np.einsum("wij,wj->wi", lower, rng.normal(size=(21, 2)))
     estimates[-1] = truth + lower[-1] @ [100.0, 0.0] + 0.2
-    weights, found = settled(information, estimates, truth)
+    weights, agreement = settled(information, estimates, truth)
     assert weights[-1] < 0.05
     _, least_squares = weigh(information, estimates, truth, np.ones(21))
     spread = np.linalg.inv(information[:-1].sum(axis=0))
     # What is left beside the chance of the good ones is a small part of what it would hold.
     left = 5.0 * np.sqrt(np.diag(spread)) + 0.1 * np.abs(least_squares - truth)
-    assert (np.abs(found - truth) < left).all()
+    assert (np.abs(agreement - truth) < left).all()
 
 
 def test_observations_that_agree_keep_their_weight():
@@ -68,9 +68,9 @@ def test_observations_that_agree_keep_their_weight():
     rng = np.random.default_rng(0)
     information = np.tile(1e4 * np.eye(2), (200, 1, 1))
     estimates = 0.5 + 0.01 * rng.normal(size=(200, 2))
-    weights, found = settled(information, estimates, np.full(2, 0.4))
+    weights, agreement = settled(information, estimates, np.full(2, 0.4))
     assert np.mean(weights) == pytest.approx(1.0, abs=0.15)
-    np.testing.assert_allclose(found, 0.5, atol=5.0 * 0.01 / np.sqrt(200))
+    np.testing.assert_allclose(agreement, 0.5, atol=5.0 * 0.01 / np.sqrt(200))
 
 
 def test_without_an_observation_the_others_alone_decide():
@@ -96,7 +96,7 @@ def test_the_likelihood_of_an_observation_is_its_own_whatever_the_fit_makes_of_i
     for part in state["fits"]:
         part["weights"] = [0.25 for _ in part["weights"]]
     fit.load_state(state)
-    for one, other in zip(before, fit.likelihoods(), strict=True):
-        np.testing.assert_array_equal(one.information, other.information)
-        np.testing.assert_array_equal(one.scores, other.scores)
-        assert one.loss == other.loss
+    for likelihood, other in zip(before, fit.likelihoods(), strict=True):
+        np.testing.assert_array_equal(likelihood.information, other.information)
+        np.testing.assert_array_equal(likelihood.scores, other.scores)
+        assert likelihood.loss == other.loss

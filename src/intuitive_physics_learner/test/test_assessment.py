@@ -46,7 +46,7 @@ WALL = Plane("wall", "floor", (-1.0, 0.0, 0.0), -5.0)
 NOTABLE = -10.0
 
 
-def seen_as(path, seed=0, shape=None, times=TIMES, noise=NOISE):
+def observation_of(path, seed=0, shape=None, times=TIMES, noise=NOISE):
     """An observation of one object on this path (n, 3) m."""
     positions = path + np.random.default_rng(seed).normal(0.0, noise, path.shape)
     thing = SceneObject("thing", "wood", shape or Sphere(0.1))
@@ -58,8 +58,8 @@ def seen_as(path, seed=0, shape=None, times=TIMES, noise=NOISE):
 
 def track(path, seed=0, shape=None, noise=NOISE):
     whitening = np.broadcast_to(np.eye(3) / noise, (len(path), 3, 3))
-    (found,) = tracks_of(seen_as(path, seed, shape, noise=noise), [whitening])
-    return found
+    (track,) = tracks_of(observation_of(path, seed, shape, noise=noise), [whitening])
+    return track
 
 
 def flight(height=20.0):
@@ -87,16 +87,16 @@ def bouncing(restitution=0.7):
     return path
 
 
-def least(found):
-    return min((one.log_p for one in found if one is not None), default=0.0)
+def least(violations):
+    return min((violation.log_p for violation in violations if violation is not None), default=0.0)
 
 
-def violations(one):
+def violations(track):
     return [
-        flight_violation(one),
-        jump_violation(one),
-        rest_violation(one),
-        *impulse_violations(one),
+        flight_violation(track),
+        jump_violation(track),
+        rest_violation(track),
+        *impulse_violations(track),
     ]
 
 
@@ -104,12 +104,12 @@ def violations(one):
 def test_undisturbed_motions_violate_nothing(path):
     """Each p value is uniform or larger: 5 % of 20 seeds below 5 %, at most 5 by P < 0.3 %."""
     for noise in (NOISE, 0.001):
-        found = [violations(track(path, seed, noise=noise)) for seed in range(20)]
-        assert sum(least(each) < np.log(0.05 / 7) for each in found) <= 5
+        all_violations = [violations(track(path, seed, noise=noise)) for seed in range(20)]
+        assert sum(least(each) < np.log(0.05 / 7) for each in all_violations) <= 5
 
 
 def test_a_flight_of_any_velocity_leaves_a_chi_squared_loss():
-    one = track(flight())
+    clean = track(flight())
     starts = np.arange(0, 60, 12)
     losses = np.concatenate(
         [flight_losses(track(flight(), seed), starts, 12) for seed in range(100)]
@@ -117,37 +117,37 @@ def test_a_flight_of_any_velocity_leaves_a_chi_squared_loss():
     # 30 degrees of freedom, less what accelerations within their prior and the choice of the worst
     # of 12 points take: at most 3 and about 6.
     assert 17.0 < losses.mean() < 30.0
-    without = replace(one, positions=one.positions + TIMES[:, None] * [7.0, -3.0, 2.0] + 5.0)
-    np.testing.assert_allclose(flight_losses(without, starts, 12), flight_losses(one, starts, 12))
+    without = replace(clean, positions=clean.positions + TIMES[:, None] * [7.0, -3.0, 2.0] + 5.0)
+    np.testing.assert_allclose(flight_losses(without, starts, 12), flight_losses(clean, starts, 12))
 
 
 def test_one_outlier_of_any_size_changes_no_loss():
     """The loss without a point does not depend on where that point is."""
-    one = track(flight())
+    clean = track(flight())
     starts = np.array([20])
-    found = []
+    violations = []
     for size in (3.0, 300.0):
-        positions = one.positions.copy()
+        positions = clean.positions.copy()
         positions[26] += size
-        found.append(flight_losses(replace(one, positions=positions), starts, 12))
-    np.testing.assert_allclose(found[0], found[1], rtol=1e-3)
-    assert found[0] < 60.0
+        violations.append(flight_losses(replace(clean, positions=positions), starts, 12))
+    np.testing.assert_allclose(violations[0], violations[1], rtol=1e-3)
+    assert violations[0] < 60.0
 
 
 @pytest.mark.parametrize("path", [flight(), sliding(), bouncing()])
 def test_an_outlier_alone_is_no_disturbance(path):
     for place in (20, 40, 60):
-        one = track(path, place)
-        positions = one.positions.copy()
+        clean = track(path, place)
+        positions = clean.positions.copy()
         positions[place] += [0.5, -0.5, 0.7]
-        assert least(violations(replace(one, positions=positions))) > NOTABLE
+        assert least(violations(replace(clean, positions=positions))) > NOTABLE
 
 
 def test_a_kick_in_flight_is_found_before_it_began_to_matter():
     kicked = flight() + np.maximum(TIMES - 1.0, 0.0)[:, None] * [1.5, -1.5, 0.5]
-    found = flight_violation(track(kicked))
-    assert found.log_p < NOTABLE
-    assert 0.5 < found.clean_until <= 1.0 < found.time < 1.5
+    violation = flight_violation(track(kicked))
+    assert violation.log_p < NOTABLE
+    assert 0.5 < violation.clean_until <= 1.0 < violation.time < 1.5
 
 
 def test_a_tilted_vertical_and_drag_of_the_air_are_no_disturbance():
@@ -160,9 +160,9 @@ def test_a_tilted_vertical_and_drag_of_the_air_are_no_disturbance():
 @pytest.mark.parametrize("path", [flight(), sliding(), bouncing()])
 def test_a_jump_is_found_where_it_is(path):
     jumped = path + (TIMES > 1.01)[:, None] * [-0.6, 0.3, 0.3]
-    found = jump_violation(track(jumped))
-    assert found.log_p < NOTABLE
-    assert found.clean_until <= 1.01 < found.time + 1e-9 < 1.1
+    violation = jump_violation(track(jumped))
+    assert violation.log_p < NOTABLE
+    assert violation.clean_until <= 1.01 < violation.time + 1e-9 < 1.1
 
 
 @pytest.mark.parametrize("push", [(0.0, -2.5, 0.0), (-1.5, 0.0, 2.5)])
@@ -170,9 +170,9 @@ def test_a_kick_of_what_slides_or_lies_is_found(push):
     since = np.maximum(TIMES - 2.0, 0.0)[:, None]
     hop = np.maximum(push[2] * since - 0.5 * 9.81 * since**2, 0.0)[:, 0]
     kicked = sliding() + since * [push[0], push[1], 0.0] + hop[:, None] * [0.0, 0.0, 1.0]
-    found = min(impulse_violations(track(kicked)), key=lambda one: one.log_p)
-    assert found.log_p < NOTABLE
-    assert 1.6 < found.clean_until <= 2.0
+    violation = min(impulse_violations(track(kicked)), key=lambda candidate: candidate.log_p)
+    assert violation.log_p < NOTABLE
+    assert 1.6 < violation.clean_until <= 2.0
 
 
 def test_a_box_rests_on_its_faces_only():
@@ -204,16 +204,16 @@ def test_a_noise_that_is_wrong_for_all_is_no_fault_of_any():
 
 @given(st.lists(st.floats(-1e300, 0.0), max_size=30))
 def test_probabilities_are_probabilities_and_fall_with_p(log_ps):
-    found = good_probabilities(np.array(log_ps))
-    assert ((found >= 0.0) & (found <= 1.0)).all()
-    assert (np.diff(found[np.argsort(log_ps)]) >= 0.0).all()
+    probabilities = good_probabilities(np.array(log_ps))
+    assert ((probabilities >= 0.0) & (probabilities <= 1.0)).all()
+    assert (np.diff(probabilities[np.argsort(log_ps)]) >= 0.0).all()
 
 
 def judged(lengths):
     used = [Assessment(str(i), 1.0) for i in range(len(lengths))]
     return [
-        one.status == "doubtful"
-        for one in reassessed(used, np.array(lengths), np.full(len(lengths), 1.0))
+        assessment.status == "doubtful"
+        for assessment in reassessed(used, np.array(lengths), np.full(len(lengths), 1.0))
     ]
 
 
@@ -227,7 +227,7 @@ def test_a_fit_that_fails_is_doubtful_where_others_do_not_fail():
 
 @given(st.floats(-1.0, 4.0), st.integers(2, 40))
 def test_a_clean_part_ends_in_time_and_keeps_a_few_points(until, count):
-    whole = seen_as(flight()[:count], times=TIMES[:count])
+    whole = observation_of(flight()[:count], times=TIMES[:count])
     (ball,) = whole.objects
     track_of = ball.trajectory
     made = Detections(
@@ -245,24 +245,25 @@ def test_a_clean_part_ends_in_time_and_keeps_a_few_points(until, count):
 
 
 def test_what_is_disturbed_is_cut_and_what_a_user_trusts_is_not():
-    seen = [seen_as(flight(), seed) for seed in range(6)]
+    observations = [observation_of(flight(), seed) for seed in range(6)]
     kick = np.maximum(TIMES - 1.0, 0.0)[:, None] * [2.0, 0.0, 1.0]
-    seen[2] = seen_as(flight() + kick, 2)
-    found = assess_observations(seen)
-    assert [one.status for one in found.assessments] == ["used"] * 2 + ["doubtful"] + ["used"] * 3
-    assert 0.2 < found.clean[2].objects[0].trajectory.times[-1] <= 1.0
-    assert found.clean[:2] + found.clean[3:] == tuple(seen[:2] + seen[3:])
-    trusted = assess_observations(seen, [seen[2].id])
-    assert trusted.clean == tuple(seen)
-    assert all(one.status == "used" for one in trusted.assessments)
+    observations[2] = observation_of(flight() + kick, 2)
+    result = assess_observations(observations)
+    statuses = [assessment.status for assessment in result.assessments]
+    assert statuses == ["used"] * 2 + ["doubtful"] + ["used"] * 3
+    assert 0.2 < result.clean[2].objects[0].trajectory.times[-1] <= 1.0
+    assert result.clean[:2] + result.clean[3:] == tuple(observations[:2] + observations[3:])
+    trusted = assess_observations(observations, [observations[2].id])
+    assert trusted.clean == tuple(observations)
+    assert all(assessment.status == "used" for assessment in trusted.assessments)
     assert assess_observations([]).assessments == ()
 
 
-def moved(seen, change):
-    (ball,) = seen.objects
+def moved(observation, change):
+    (ball,) = observation.objects
     times = ball.trajectory.times
     positions = ball.trajectory.positions + change(times)
-    return replace(seen, objects=(replace(ball, trajectory=Trajectory(times, positions)),))
+    return replace(observation, objects=(replace(ball, trajectory=Trajectory(times, positions)),))
 
 
 def jump(times):
@@ -272,31 +273,32 @@ def jump(times):
 def test_what_was_disturbed_is_doubtful_in_the_store_until_it_is_included(
     tmp_path, event_driven, throws
 ):
-    seen = throws(12, 3, noise=0.003, state_noise=0.01, times=48)
-    seen[4] = moved(seen[4], jump)
+    observations = throws(12, 3, noise=0.003, state_noise=0.01, times=48)
+    observations[4] = moved(observations[4], jump)
     with ObservationStore(tmp_path / "learned.sqlite3") as store:
-        for one in seen:
-            store.add(one)
+        for observation in observations:
+            store.add(observation)
         options = LearningOptions(criteria=ConvergenceCriteria(300))
         result = learn_from_store(store, event_driven, options)
-        assert [one.weight < 0.5 for one in result.assessments] == [i == 4 for i in range(12)]
+        weights = np.array([assessment.weight for assessment in result.assessments])
+        np.testing.assert_array_equal(np.flatnonzero(weights < 0.5), [4])
         (entry,) = store.entries(statuses=["doubtful"])
-        assert entry.id == seen[4].id
+        assert entry.id == observations[4].id
         assert entry.reason.startswith("mistracked at t = 0.4")
         # It is assessed again, and may come back.
         again = learn_from_store(store, event_driven, options)
         assert len(again.assessments) == 12
-        store.include([seen[4].id])
+        store.include([observations[4].id])
         learn_from_store(store, event_driven, options)
         assert store.counts()["doubtful"] == 0
 
 
 def test_learning_is_as_good_as_from_what_is_clean(event_driven, throws, true_parameters):
-    seen = throws(12, 3, noise=0.003, state_noise=0.01, times=48)
-    disturbed = [moved(one, jump) if i < 3 else one for i, one in enumerate(seen)]
-    found = learn(disturbed, event_driven, LearningOptions()).learned
+    observations = throws(12, 3, noise=0.003, state_noise=0.01, times=48)
+    disturbed = [moved(each, jump) for each in observations[:3]] + observations[3:]
+    learned = learn(disturbed, event_driven, LearningOptions()).learned
     true = true_parameters.coefficients[3, 0, 1]
-    assert abs(found.parameters.coefficients[3, 0, 1] - true) < 0.02
+    assert abs(learned.parameters.coefficients[3, 0, 1] - true) < 0.02
 
 
 def test_an_update_rule_assesses_none(event_driven, throws):

@@ -50,8 +50,8 @@ def ended(process):
 def test_learns_as_observations_arrive(store, background, throws, true_parameters):
     background.start(OPTIONS, cores=1, priority="normal")
     assert background.running
-    for seen in throws(6, 0, noise=0.003, state_noise=0.01):
-        store.add(seen)
+    for observation in throws(6, 0, noise=0.003, state_noise=0.01):
+        store.add(observation)
         background.notify()
     assert background.improved.wait(PATIENCE), background.report
     wait_until(lambda: background.report.state == WAITING and background.report.processed == 6)
@@ -70,7 +70,7 @@ def saved(store):
 def test_killed_at_any_instant_it_goes_on_where_it_was(store, background, throws):
     observed = throws(40, 0, noise=0.003, state_noise=0.01, times=20)
     store.add_all(observed)
-    seen = []
+    reports = []
     while saved(store) < len(observed):
         background.start(OPTIONS, cores=1, priority="normal")
         before = saved(store)
@@ -78,12 +78,12 @@ def test_killed_at_any_instant_it_goes_on_where_it_was(store, background, throws
         process = background._process
         background.stop()
         wait_until(lambda stopped=process: ended(stopped))
-        seen.append(saved(store))
+        reports.append(saved(store))
         # The state and the version that goes with it: both or none.
         state = json.loads(OnlineRecord(store.database).state())
         assert state["published"]["version"] == store.newest_version()
-    assert seen == sorted(seen)
-    assert len(seen) >= 2
+    assert reports == sorted(reports)
+    assert len(reports) >= 2
 
 
 @pytest.mark.parametrize(

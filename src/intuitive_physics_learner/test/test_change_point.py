@@ -43,50 +43,51 @@ def observed(generator, truth, sharpness=1e4):
 
 
 def known_from(generator, truth, count):
-    known = Information.none(SIZE)
+    information = Information.none(SIZE)
     for _ in range(count):
-        known.add(observed(generator, truth))
-    return known
+        information.add(observed(generator, truth))
+    return information
 
 
 def test_probability_is_uniform_without_a_change():
     generator = np.random.default_rng(0)
     covariance = 1e-4 * np.eye(SIZE) + 5e-5
     prior = GaussianPrior(CENTRE, np.linalg.inv(covariance))
-    found = []
+    changes = []
     for _ in range(1000):
         truth = generator.multivariate_normal(CENTRE, covariance)
-        seen = [observed(generator, truth) for _ in range(3)]
-        found.append(change_probability(prior, seen, FAMILIES["ball", "floor"]))
-    places = np.sort(found)
+        likelihoods = [observed(generator, truth) for _ in range(3)]
+        changes.append(change_probability(prior, likelihoods, FAMILIES["ball", "floor"]))
+    places = np.sort(changes)
     # Kolmogorov's test at 1e-3.
     assert np.abs(places - (np.arange(1000) + 0.5) / 1000).max() < 1.95 / np.sqrt(1000)
 
 
-def looked_for(known, recent, weight=0.0, rate=1e-4):
+def looked_for(information, recent, weight=0.0, rate=1e-4):
     counts = dict.fromkeys(FAMILIES, 100)
-    return find_change(known, CENTRE, [(one, weight) for one in recent], FAMILIES, counts, rate, 4)
+    weighted = [(likelihood, weight) for likelihood in recent]
+    return find_change(information, CENTRE, weighted, FAMILIES, counts, rate, 4)
 
 
 def test_no_alarm_in_a_long_stationary_stream():
     generator = np.random.default_rng(1)
-    known, recent, alarms = known_from(generator, CENTRE, 8), [], 0
+    information, recent, alarms = known_from(generator, CENTRE, 8), [], 0
     for _ in range(1000):
-        one = observed(generator, CENTRE)
-        known.add(one)
-        recent = [*recent, one][-8:]
-        alarms += looked_for(known, recent, weight=1.0) is not None
+        likelihood = observed(generator, CENTRE)
+        information.add(likelihood)
+        recent = [*recent, likelihood][-8:]
+        alarms += looked_for(information, recent, weight=1.0) is not None
     # 0.1 are expected at most.
     assert alarms <= 1
 
 
 def test_a_change_of_one_pair_is_found_where_it_was():
     generator = np.random.default_rng(2)
-    known = known_from(generator, CENTRE, 20)
+    information = known_from(generator, CENTRE, 20)
     after = CENTRE + np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
     recent = [observed(generator, CENTRE) for _ in range(3)]
     recent += [observed(generator, after) for _ in range(4)]
-    change = looked_for(known, recent)
+    change = looked_for(information, recent)
     assert change.pair == ("ball", "floor")
     assert change.length in (4, 5)
     assert change.probability < 1e-6
@@ -94,21 +95,22 @@ def test_a_change_of_one_pair_is_found_where_it_was():
 
 def test_one_disturbed_observation_is_no_change():
     generator = np.random.default_rng(3)
-    known = known_from(generator, CENTRE, 20)
+    information = known_from(generator, CENTRE, 20)
     recent = [observed(generator, CENTRE) for _ in range(7)]
     recent[4] = observed(generator, CENTRE + 0.2)
-    assert looked_for(known, recent) is None
+    assert looked_for(information, recent) is None
 
 
 def test_disturbed_observations_that_disagree_are_no_change():
     generator = np.random.default_rng(4)
-    known = known_from(generator, CENTRE, 20)
+    information = known_from(generator, CENTRE, 20)
     recent = [observed(generator, CENTRE + generator.normal(0.0, 0.1, SIZE)) for _ in range(6)]
-    assert looked_for(known, recent) is None
+    assert looked_for(information, recent) is None
 
 
 def test_nothing_is_a_change_before_something_is_known():
     generator = np.random.default_rng(5)
     recent = [(observed(generator, CENTRE + 0.1), 0.0) for _ in range(6)]
-    known = known_from(generator, CENTRE, 1)
-    assert find_change(known, CENTRE, recent, FAMILIES, dict.fromkeys(FAMILIES, 1), 1e-4, 4) is None
+    information = known_from(generator, CENTRE, 1)
+    counts = dict.fromkeys(FAMILIES, 1)
+    assert find_change(information, CENTRE, recent, FAMILIES, counts, 1e-4, 4) is None

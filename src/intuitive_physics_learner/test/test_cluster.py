@@ -77,10 +77,10 @@ def test_learning_is_the_same_with_and_without(two_processes, throws):
 
 def listening_addresses():
     """Where this process and those that it started listen for TCP."""
-    own = psutil.Process()
+    this_process = psutil.Process()
     return {
         connection.laddr.ip
-        for process in [own, *own.children(recursive=True)]
+        for process in [this_process, *this_process.children(recursive=True)]
         for connection in process.net_connections("tcp")
         if connection.status == psutil.CONN_LISTEN
     }

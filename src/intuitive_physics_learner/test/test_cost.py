@@ -78,13 +78,13 @@ def test_distances_in_closed_form(glide, glides, distance, of):
 
 
 def test_point_at_the_start_counts_and_points_before_do_not(glide, glides):
-    seen = glides(np.random.default_rng(0), 0.8).objects[0]
-    speed = np.linalg.norm(seen.initial_state.linear_velocity)
+    track = glides(np.random.default_rng(0), 0.8).objects[0]
+    speed = np.linalg.norm(track.initial_state.linear_velocity)
     times = np.array([-0.2, -1e-9, 0.1])
-    positions = seen.initial_state.position + 0.8 * times[:, None] * (
-        seen.initial_state.linear_velocity
+    positions = track.initial_state.position + 0.8 * times[:, None] * (
+        track.initial_state.linear_velocity
     )
-    thing = ObservedObject(seen.object, Trajectory(1000.0 + times, positions), seen.initial_state)
+    thing = ObservedObject(track.object, Trajectory(1000.0 + times, positions), track.initial_state)
     environment = glides(np.random.default_rng(0), 0.8).environment
     cost = TrajectoryCost([Observation(environment, (thing,), 1000.0)], glide, ("ball", "floor"))
     # Two points: one at the start, where the distance is 0, one at 0.1 s.

@@ -50,9 +50,9 @@ def information_of(task, model, horizons, slope=1.0):
         times = ball.trajectory.times[ball.trajectory.times <= horizon]
         speed2 = slope**2 * np.sum(ball.initial_state.linear_velocity**2)
         prior = PRIOR_WIDENING * np.sqrt(ball.initial_state.covariance[0, 0])
-        own = times.size / noise**2 + prior**-2
+        curvature = times.size / noise**2 + prior**-2
         total += speed2 * (times**2).sum() / noise**2
-        total -= speed2 * times.sum() ** 2 / noise**4 / own
+        total -= speed2 * times.sum() ** 2 / noise**4 / curvature
     return total
 
 

@@ -131,14 +131,14 @@ def test_the_fall_of_a_determinant_is_that_of_the_whole_matrices():
     parameters = np.array([[0, 2, 5], [1, 2, 3]])
     # Some information on the three parameters of each throw.
     after = []
-    for own in parameters:
+    for rows in parameters:
         information = np.zeros((6, 6))
         part = generator.normal(size=(3, 3))
-        information[np.ix_(own, own)] = part @ part.T
+        information[np.ix_(rows, rows)] = part @ part.T
         after.append(np.linalg.inv(np.linalg.inv(covariance) + information))
     small = np.array([whole[np.ix_(o, o)] for whole, o in zip(after, parameters, strict=True)])
-    found = ExpectedPosteriors(np.arange(2), parameters, small[None])
-    reduction = found.reduction(covariance, directions)
+    posteriors = ExpectedPosteriors(np.arange(2), parameters, small[None])
+    reduction = posteriors.reduction(covariance, directions)
     blur = 0.3
     for w, whole in enumerate(after):
         expected = directions @ whole @ directions.T
@@ -151,7 +151,7 @@ def test_the_fall_of_a_determinant_is_that_of_the_whole_matrices():
 
 def gains(question, event_driven, ways, posterior=None, **how):
     """Expected information on a question of each of some ways to throw, nat."""
-    found = []
+    results = []
     for position, velocity in ways:
         best = suggest(
             thrown(position, velocity, (0.002, 0.0, 0.05, 0.1)),
@@ -162,8 +162,8 @@ def gains(question, event_driven, ways, posterior=None, **how):
             np.random.default_rng(1),
             settings=DesignSettings(candidates=1, execution_error=0.0, draws=16),
         )
-        found.append(best[0].gain)
-    return found
+        results.append(best[0].gain)
+    return results
 
 
 DROP = ([0, 0, 1.0], [0, 0, 0])
@@ -189,12 +189,12 @@ def test_what_is_not_in_view_tells_nothing(event_driven):
 
 
 def test_more_noise_tells_less(event_driven):
-    found = [
+    results = [
         gains(AboutParameters((E,), 1e-6), event_driven, (DROP,), known(0.8, 0.1), noise=noise)[0]
         for noise in (0.001, 0.004, 0.016)
     ]
     # Without a resolution that matters, four times the noise costs ln 4 once data outweigh priors.
-    np.testing.assert_allclose(-np.diff(found), np.log(4.0), rtol=0.2)
+    np.testing.assert_allclose(-np.diff(results), np.log(4.0), rtol=0.2)
 
 
 def test_a_parameter_that_is_known_to_its_resolution_is_no_more_of_interest(event_driven):
@@ -264,12 +264,12 @@ def test_the_same_generator_gives_the_same_suggestions_best_first(event_driven):
             settings=DesignSettings(candidates=24, draws=3),
         )
 
-    one, other, third = once(0), once(0), once(1)
-    assert [each.gain for each in one] == [each.gain for each in other]
-    assert [each.gain for each in one] != [each.gain for each in third]
-    assert [each.gain for each in one] == sorted((each.gain for each in one), reverse=True)
-    assert len(one) == 5
-    for each in one:
+    first, other, third = once(0), once(0), once(1)
+    assert [each.gain for each in first] == [each.gain for each in other]
+    assert [each.gain for each in first] != [each.gain for each in third]
+    assert [each.gain for each in first] == sorted((each.gain for each in first), reverse=True)
+    assert len(first) == 5
+    for each in first:
         assert (each.after <= each.before).all()
         assert each.throw.states[0].position[2] >= RADIUS
 
@@ -322,31 +322,31 @@ def test_throws_lie_within_their_ranges_and_outside_of_everything(ends, count, s
 
 
 def test_what_was_seen_is_what_can_be_thrown(throws):
-    seen = throws(6, seed=0, noise=0.002, state_noise=0.002)
-    options = ThrowOptions.seen(seen)
+    observations = throws(6, seed=0, noise=0.002, state_noise=0.002)
+    options = ThrowOptions.of_observations(observations)
     ((ball,),) = options.casts
-    states = np.array([each.objects[0].initial_state.to_vector() for each in seen])
+    states = np.array([each.objects[0].initial_state.to_vector() for each in observations])
     np.testing.assert_allclose(ball.ranges.position[:, 0], states[:, 0:3].min(axis=0))
     np.testing.assert_allclose(ball.ranges.linear_velocity[:, 1], states[:, 7:10].max(axis=0))
-    view = ViewingConditions.seen(seen)
+    view = ViewingConditions.of_observations(observations)
     np.testing.assert_allclose(view.times, np.arange(60) / 30.0, atol=1e-9)
     # Third differences of bounces count a little.
     assert view.noise == pytest.approx(0.002, rel=0.3)
-    assert ThrowOptions.seen(seen, "ball").materials == ("ball", "floor")
+    assert ThrowOptions.of_observations(observations, "ball").materials == ("ball", "floor")
     with pytest.raises(InvalidInputError, match=r"no object 'cup' was seen; expected .*: ball"):
-        ThrowOptions.seen(seen, "cup")
+        ThrowOptions.of_observations(observations, "cup")
     with pytest.raises(NoObservationsError, match="expected at least one throw"):
-        ThrowOptions.seen([])
+        ThrowOptions.of_observations([])
 
 
 def test_noise_is_that_of_the_detections_where_there_are(throws):
-    (seen,) = throws(1, seed=0, noise=0.002, state_noise=0.002)
-    (ball,) = seen.objects
+    (observation,) = throws(1, seed=0, noise=0.002, state_noise=0.002)
+    (ball,) = observation.objects
     track = ball.trajectory
     covariances = np.tile(0.004**2 * np.eye(3), (len(track), 1, 1))
     detections = Detections(track.times, track.positions, covariances, np.zeros((3, 3)))
-    detected = replace(seen, objects=(replace(ball, detections=detections),))
-    assert ViewingConditions.seen([detected]).noise == pytest.approx(0.004)
+    detected = replace(observation, objects=(replace(ball, detections=detections),))
+    assert ViewingConditions.of_observations([detected]).noise == pytest.approx(0.004)
 
 
 def test_names_of_parameters_are_read_in_either_order():

@@ -47,14 +47,14 @@ def values(deviations=None, **coefficients):
 def noisy_glides(glides):
     """Observations of e = 0.7 with noise."""
     generator = np.random.default_rng(3)
-    seen = []
+    observations = []
     for _ in range(3):
-        one = glides(generator, 0.7, counts=(10,))
-        (ball,) = one.objects
+        observation = glides(generator, 0.7, counts=(10,))
+        (ball,) = observation.objects
         times, positions = ball.trajectory.times, ball.trajectory.positions
         noisy = Trajectory(times, positions + generator.normal(0.0, 0.1, positions.shape))
-        seen.append(replace(one, objects=(replace(ball, trajectory=noisy),)))
-    return seen
+        observations.append(replace(observation, objects=(replace(ball, trajectory=noisy),)))
+    return observations
 
 
 def restitution(learned):
@@ -65,12 +65,12 @@ def test_a_prior_adds_its_information_to_that_of_the_observations(glide, noisy_g
     flat = learn(noisy_glides, glide, options()).learned
     prior = given_parameters(values({E: 0.05}, restitution=0.7))
     both = learn(noisy_glides, glide, options(), previous=prior).learned
-    own = flat.posterior.information[E, E]
-    assert both.posterior.information[E, E] == pytest.approx(own + 1 / 0.05**2, rel=0.02)
+    restitution = flat.posterior.information[E, E]
+    assert both.posterior.information[E, E] == pytest.approx(restitution + 1 / 0.05**2, rel=0.02)
     assert both.given.to_dict() == prior.given.to_dict()
     again = learn(noisy_glides, glide, options(), previous=both).learned
     # The observations are the same, so nothing is learned twice.
-    assert again.posterior.information[E, E] == pytest.approx(own + 1 / 0.05**2, rel=0.02)
+    assert again.posterior.information[E, E] == pytest.approx(restitution + 1 / 0.05**2, rel=0.02)
 
 
 def test_a_sharp_prior_is_stronger_than_noisy_observations(glide, noisy_glides):
@@ -119,21 +119,21 @@ def test_values_outside_the_bounds_are_an_error():
 
 @pytest.mark.parametrize("as_what", ["prior", "fixed"])
 def test_given_values_outside_the_bounds_of_a_search_are_an_error(glide, glides, as_what):
-    known = given_parameters(values({E: 0.01}, restitution=0.9), as_what, [NAMES[E]])
+    result = given_parameters(values({E: 0.01}, restitution=0.9), as_what, [NAMES[E]])
     narrow = options(bounds={"restitution": Bounds(0.2, 0.8)})
     with pytest.raises(
         InvalidInputError, match=r"restitution\[ball, floor\] is 0.9; .* 0.2 to 0.8"
     ):
-        learn([glides(np.random.default_rng(0), 0.5)], glide, narrow, previous=known)
+        learn([glides(np.random.default_rng(0), 0.5)], glide, narrow, previous=result)
 
 
 def test_a_start_may_be_left(glide, glides):
     start = given_parameters(values({E: 1e-5}, restitution=0.6), "start")
     assert start.given is None
-    seen = [glides(np.random.default_rng(0), 0.5)]
-    assert restitution(learn(seen, glide, options(), previous=start).learned) == pytest.approx(
-        0.5, abs=1e-3
-    )
+    observations = [glides(np.random.default_rng(0), 0.5)]
+    assert restitution(
+        learn(observations, glide, options(), previous=start).learned
+    ) == pytest.approx(0.5, abs=1e-3)
 
 
 def test_a_new_gift_replaces_that_of_its_parameters_only():
@@ -247,8 +247,8 @@ def test_static_friction_that_is_held_does_not_follow_dynamic_friction(unit, dyn
     space = ParameterSpace(MATERIALS)
     start = space.to_parameters(unit)
     active = np.arange(14) == DYNAMIC
-    found = ActiveSpace(space, active, start).to_parameters([dynamic]).pair("ball", "floor")
+    coefficients = ActiveSpace(space, active, start).to_parameters([dynamic]).pair("ball", "floor")
     held = start.pair("ball", "floor")["static_friction"]
-    assert found["static_friction"] == held
-    assert found["dynamic_friction"] == min(dynamic, held)
+    assert coefficients["static_friction"] == held
+    assert coefficients["dynamic_friction"] == min(dynamic, held)
     assert DEFAULT_BOUNDS["dynamic_friction"] == Bounds(0.0, 1.0)

@@ -116,9 +116,9 @@ def test_true_values_lie_within_the_stated_uncertainty(event_driven, throws, tru
     for seed in range(6):
         observed = throws(8, seed, noise=0.005, state_noise=0.004)
         cost = TrajectoryCost(observed, event_driven, MATERIALS)
-        found = found_optimum(cost)
-        result = identify(cost, SPACE, found)
-        errors = parameter_vector(found) - parameter_vector(true_parameters)
+        optimum = found_optimum(cost)
+        result = identify(cost, SPACE, optimum)
+        errors = parameter_vector(optimum) - parameter_vector(true_parameters)
         scores += (errors / result.standard_deviations)[result.identified].tolist()
     # Errors in units of their standard deviation have a root mean square of about one.
     assert len(scores) >= 12

@@ -32,18 +32,20 @@ def likelihood(generator, parameters, best, scale=100.0):
 
 def test_observations_add_up_to_the_product_of_their_likelihoods():
     generator = np.random.default_rng(0)
-    centre, known = np.array([0.3, 0.5, 0.6]), Information.none(3)
-    one = likelihood(generator, [0, 2], np.array([0.2, 0.7]))
+    centre, information = np.array([0.3, 0.5, 0.6]), Information.none(3)
+    summand = likelihood(generator, [0, 2], np.array([0.2, 0.7]))
     other = likelihood(generator, [1, 2], np.array([0.4, 0.8]))
-    known.add(one)
-    known.add(other, 0.5)
-    prior = known.prior(centre)
+    information.add(summand)
+    information.add(other, 0.5)
+    prior = information.prior(centre)
 
     def slope(unit):
         total = UNIFORM_PRECISION * (unit - centre)
-        for each, weight in ((one, 1.0), (other, 0.5)):
-            own = each.parameters
-            total[own] += weight * (each.scores + each.information @ (unit[own] - each.estimate))
+        for each, weight in ((summand, 1.0), (other, 0.5)):
+            parameters = each.parameters
+            total[parameters] += weight * (
+                each.scores + each.information @ (unit[parameters] - each.estimate)
+            )
         return total
 
     assert slope(prior.mean) == pytest.approx(np.zeros(3), abs=1e-9)
@@ -62,49 +64,55 @@ def test_forgetting_parameters_leaves_the_marginal_of_the_others():
     generator = np.random.default_rng(1)
     matrix = random_precision(generator, 4)
     mean = generator.uniform(size=4)
-    known = Information.about(mean, matrix)
-    known.forget(np.array([1, 3]))
+    information = Information.about(mean, matrix)
+    information.forget(np.array([1, 3]))
     expected = GaussianPrior(mean, matrix).marginal(np.array([0, 2]))
-    assert known.matrix[np.ix_([0, 2], [0, 2])] == pytest.approx(expected.precision)
-    left = np.linalg.solve(known.matrix[np.ix_([0, 2], [0, 2])], known.vector[[0, 2]])
+    assert information.matrix[np.ix_([0, 2], [0, 2])] == pytest.approx(expected.precision)
+    left = np.linalg.solve(information.matrix[np.ix_([0, 2], [0, 2])], information.vector[[0, 2]])
     assert left == pytest.approx(mean[[0, 2]])
-    assert not known.matrix[[1, 3]].any()
-    assert not known.vector[[1, 3]].any()
+    assert not information.matrix[[1, 3]].any()
+    assert not information.vector[[1, 3]].any()
 
 
 def test_what_contradicts_all_others_counts_less():
     generator = np.random.default_rng(2)
     best = np.array([0.5, 0.5])
-    seen = [likelihood(generator, [0, 1], best) for _ in range(8)]
-    seen.append(likelihood(generator, [0, 1], best + 0.4))
-    known = Information.none(2)
-    for one in seen:
-        known.add(one)
-    weights = agreement_weights(known, best, seen, np.ones(9), 4.0)
+    likelihoods = [likelihood(generator, [0, 1], best) for _ in range(8)]
+    likelihoods.append(likelihood(generator, [0, 1], best + 0.4))
+    information = Information.none(2)
+    for each in likelihoods:
+        information.add(each)
+    weights = agreement_weights(information, best, likelihoods, np.ones(9), 4.0)
     assert weights[-1] < 0.2
     assert weights[:-1].min() > 2.0 * weights[-1]
     # Those that agree with all others count fully.
     alike = Information.none(2)
-    for one in seen[:-1]:
-        alike.add(one)
-    assert agreement_weights(alike, best, seen[:-1], np.ones(8), 4.0) == pytest.approx(np.ones(8))
+    for each in likelihoods[:-1]:
+        alike.add(each)
+    assert agreement_weights(alike, best, likelihoods[:-1], np.ones(8), 4.0) == pytest.approx(
+        np.ones(8)
+    )
 
 
 def test_jackknife_is_the_variance_of_a_mean_and_distrusts_a_lone_witness():
     generator = np.random.default_rng(3)
     count, sharpness = 400, 1e4
-    known, seen = Information.none(1), []
+    information, likelihoods = Information.none(1), []
     for _ in range(count):
         about = np.array([0.5])
         best = about + generator.normal(0.0, sharpness**-0.5, 1)
         matrix = np.array([[sharpness]])
-        seen.append(LocalLikelihood(np.array([0]), about, matrix, matrix @ (about - best), 0.0))
-        known.add(seen[-1])
-    (variance,) = jackknife_variances(known, np.array([0.5]), seen, np.ones(count))
+        likelihoods.append(
+            LocalLikelihood(np.array([0]), about, matrix, matrix @ (about - best), 0.0)
+        )
+        information.add(likelihoods[-1])
+    (variance,) = jackknife_variances(information, np.array([0.5]), likelihoods, np.ones(count))
     assert variance == pytest.approx(1.0 / (count * sharpness), rel=0.3)
     lone = LocalLikelihood(np.array([0]), np.array([0.6]), np.array([[1e9]]), np.zeros(1), 0.0)
-    known.add(lone)
-    (variance,) = jackknife_variances(known, np.array([0.5]), [*seen, lone], np.ones(count + 1))
+    information.add(lone)
+    (variance,) = jackknife_variances(
+        information, np.array([0.5]), [*likelihoods, lone], np.ones(count + 1)
+    )
     assert np.sqrt(variance) == pytest.approx(0.1, rel=0.05)
 
 

@@ -58,12 +58,12 @@ def joint_search(observed, simulator):
 def blown_aside(observed, acceleration):
     """Add an effect that no simulator knows: all objects are accelerated along x."""
     blown = []
-    for seen in observed:
-        (ball,) = seen.objects
+    for observation in observed:
+        (ball,) = observation.objects
         times, positions = ball.trajectory.times, ball.trajectory.positions.copy()
-        positions[:, 0] += 0.5 * acceleration * (times - seen.start_time) ** 2
+        positions[:, 0] += 0.5 * acceleration * (times - observation.start_time) ** 2
         changed = replace(ball, trajectory=Trajectory(times, positions))
-        blown.append(replace(seen, objects=(changed,)))
+        blown.append(replace(observation, objects=(changed,)))
     return blown
 
 
@@ -183,7 +183,7 @@ def test_bounded_steps_stay_in_the_cube_and_go_downhill(seed, size):
         np.testing.assert_allclose(information @ step, -scores, atol=1e-8)
 
 
-def test_noise_is_told_from_trajectories(throws):
+def test_position_noise_of_trajectories(throws):
     assert position_noise(throws(6, 0, 0.01)) == pytest.approx(0.01, rel=0.1)
     assert position_noise(throws(6, 0)) < 1e-3
 

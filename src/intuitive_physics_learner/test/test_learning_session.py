@@ -54,19 +54,21 @@ def test_recovers_what_made_the_observations(event_driven, throws, true_paramete
 
 def test_the_distance_that_is_asked_for_is_minimised(glide, glides):
     # x(t) = x(0) + e v t with e = 0.5, but for the last point, which is where e = 0.7 would be.
-    (ball,) = (seen := glides(np.random.default_rng(0), 0.5)).objects
+    (ball,) = (observation := glides(np.random.default_rng(0), 0.5)).objects
     times, positions = ball.trajectory.times, ball.trajectory.positions.copy()
     positions[-1] += 0.2 * times[-1] * ball.initial_state.linear_velocity
-    seen = replace(seen, objects=(replace(ball, trajectory=Trajectory(times, positions)),))
+    observation = replace(
+        observation, objects=(replace(ball, trajectory=Trajectory(times, positions)),)
+    )
     # D̄ is least at the weighted median, D̂ where the last two points are as far off.
     before, last = times[-2:]
     lowest = {"mean": 0.5, "max": (0.7 * last + 0.5 * before) / (last + before)}
     for distance, e in lowest.items():
         how = options(600, method="cma_es", distance=distance)
-        learned = learn([seen], glide, how).learned
-        found = learned.parameters.pair("ball", "floor")["restitution"]
-        assert found == pytest.approx(e, abs=0.002)
-        cost = TrajectoryCost([seen], glide, ("ball", "floor"), distance)
+        learned = learn([observation], glide, how).learned
+        restitution = learned.parameters.pair("ball", "floor")["restitution"]
+        assert restitution == pytest.approx(e, abs=0.002)
+        cost = TrajectoryCost([observation], glide, ("ball", "floor"), distance)
         assert learned.cost == cost.costs([learned.parameters])[0]
 
 
@@ -98,10 +100,10 @@ def test_a_search_does_not_continue_with_another_distance(event_driven, throws):
 def test_searches_without_judging_as_it_learns(event_driven, throws, method):
     observed = throws(6, 3, noise=0.005)
     how = options(300, method=method)
-    found = search_parameters(observed, event_driven, how)
+    result = search_parameters(observed, event_driven, how)
     learned = learn(observed, event_driven, how)
-    assert found.cost == learned.search.cost
-    assert found.parameters.to_dict() == learned.search.parameters.to_dict()
+    assert result.cost == learned.search.cost
+    assert result.parameters.to_dict() == learned.search.parameters.to_dict()
 
 
 def test_noisy_observations_cost_no_more_than_the_truth(event_driven, throws, true_parameters):
@@ -164,7 +166,7 @@ def test_the_posterior_agrees_with_the_standard_deviations(event_driven, throws)
             assert not posterior.factor[:, names.index(name)].any()
 
 
-def test_the_posterior_keeps_what_other_observations_told(glide, glides):
+def test_posterior_keeps_information_of_earlier_observations(glide, glides):
     before = known(StaticParameters.uniform(["stone", "floor", "ball"]))
     bounds = {"restitution": Bounds(0.0, 0.8), "density": Bounds(100.0, 1000.0, "logarithmic")}
     after = learn(
@@ -176,8 +178,8 @@ def test_the_posterior_keeps_what_other_observations_told(glide, glides):
     names = parameter_names(after.materials)
     values = after.posterior.space.to_values(after.posterior.draw(4000, np.random.default_rng(0)))
     kept = [names.index(name) for name in ("density[stone]", "restitution[stone, floor]")]
-    found = values[:, kept].std(axis=0)
-    np.testing.assert_allclose(found, before.standard_deviations[kept], rtol=0.1)
+    spread = values[:, kept].std(axis=0)
+    np.testing.assert_allclose(spread, before.standard_deviations[kept], rtol=0.1)
     assert values[:, names.index("restitution[floor, ball]")].std() < 0.02
 
 
@@ -286,6 +288,6 @@ def test_another_cost_can_take_the_place_of_this_process(event_driven, throws):
             return np.concatenate(halves)
 
     observed = throws(3, 0, noise=0.01)
-    one = learn(observed, event_driven, options(60))
+    learned = learn(observed, event_driven, options(60))
     two = learn(observed, event_driven, options(60), make_cost=Halves)
-    assert (one.search.history == two.search.history).all()
+    assert (learned.search.history == two.search.history).all()

@@ -54,21 +54,23 @@ def changed_after(store, revision):
 
 
 def test_an_entry_says_what_the_observation_says(store, glides):
-    seen = glides(np.random.default_rng(0), 0.5, (10, 4), ("ball", "cork"), start=7.0, id="a")
-    store.add(seen)
+    observation = glides(
+        np.random.default_rng(0), 0.5, (10, 4), ("ball", "cork"), start=7.0, id="a"
+    )
+    store.add(observation)
     (entry,) = store.entries()
     assert (entry.number, entry.id, entry.start_time) == (1, "a", 7.0)
-    assert (entry.first_time, entry.last_time) == seen.time_span
-    assert entry.materials == seen.materials == store.materials()
+    assert (entry.first_time, entry.last_time) == observation.time_span
+    assert entry.materials == observation.materials == store.materials()
     assert (entry.object_count, entry.point_count, entry.has_detections) == (2, 14, False)
     assert (entry.status, entry.weight, entry.reason) == ("used", 1.0, "")
-    assert json.loads(json.dumps(entry.to_dict()))["materials"] == list(seen.materials)
+    assert json.loads(json.dumps(entry.to_dict()))["materials"] == list(observation.materials)
 
 
 def test_an_unreadable_row_is_marked_kept_and_passed_over(store, glide_at, break_text):
     store.add_all([glide_at(id) for id in "abc"])
     break_text("b")
-    assert [one.id for one in store.observations()] == ["a", "c"]
+    assert [observation.id for observation in store.observations()] == ["a", "c"]
     (entry,) = store.entries(statuses=["unreadable"])
     assert (entry.id, entry.weight) == ("b", 0.0)
     assert "not whole JSON" in entry.reason
@@ -77,7 +79,7 @@ def test_an_unreadable_row_is_marked_kept_and_passed_over(store, glide_at, break
         store.observations(["a", "b"])
     with pytest.raises(StorageError, match="observation b cannot be read"):
         store.include(["b"])
-    assert [one.id for one in store.observations(["c"])] == ["c"]
+    assert [observation.id for observation in store.observations(["c"])] == ["c"]
 
 
 @pytest.mark.parametrize(
@@ -93,14 +95,14 @@ def test_an_unreadable_row_is_marked_kept_and_passed_over(store, glide_at, break
 def test_no_text_stops_reading(store, glide_at, text, rewrite):
     store.add_all([glide_at("a"), glide_at("b")])
     rewrite("UPDATE observations SET json = ? WHERE id = 'a'", text)
-    assert [one.id for one in store.observations()] == ["b"]
+    assert [observation.id for observation in store.observations()] == ["b"]
     assert ids(store.check()) == ["a"]
 
 
 def test_a_broken_byte_is_one_unreadable_row(store, glide_at, rewrite):
     store.add_all([glide_at("a"), glide_at("b")])
     rewrite("UPDATE observations SET json = CAST(x'7b22ff' AS TEXT) WHERE id = 'a'")
-    assert [one.id for one in store.observations()] == ["b"]
+    assert [observation.id for observation in store.observations()] == ["b"]
 
 
 def test_a_row_that_can_be_read_again_is_used_again(store, glide_at, rewrite, break_text):
@@ -111,7 +113,7 @@ def test_a_row_that_can_be_read_again_is_used_again(store, glide_at, rewrite, br
     before = revision(store)
     assert store.check() == []
     assert revision(store) > before
-    assert [one.id for one in store.observations()] == ["a", "b"]
+    assert [observation.id for observation in store.observations()] == ["a", "b"]
     assert store.materials() == ("ball", "floor")
 
 
@@ -120,15 +122,15 @@ def test_the_user_excludes_and_includes(store, glide_at):
     before = revision(store)
     assert store.exclude(["a", "c"], "kicked by the cat") == 2
     assert store.exclude(["a"], "kicked by the cat") == 0
-    assert [one.id for one in store.observations()] == ["b"]
-    assert [one.id for one in store.observations(["a"])] == ["a"]
+    assert [observation.id for observation in store.observations()] == ["b"]
+    assert [observation.id for observation in store.observations(["a"])] == ["a"]
     assert ids(store.entries(statuses=["excluded"])) == ["a", "c"]
     assert store.entries(ids=["a"])[0].reason == "kicked by the cat"
     assert changed_after(store, before) == ["a", "c"]
     middle = revision(store)
     assert store.include(["a"]) == 1
     assert changed_after(store, middle) == ["a"]
-    assert [one.id for one in store.observations()] == ["a", "b"]
+    assert [observation.id for observation in store.observations()] == ["a", "b"]
     with pytest.raises(UnknownNameError, match="'x'; expected one of the 3"):
         store.exclude(["a", "x"])
     assert store.counts()["excluded"] == 1
@@ -142,15 +144,15 @@ def test_what_is_doubtful_can_come_back(store, glide_at, break_text):
     before = revision(store)
     doubts = [Assessment(id, 0.1, "touched", "doubtful") for id in "acdx"]
     assert store.apply_assessments([*doubts, Assessment("b", 0.9)]) == 2
-    assert [(one.status, one.weight) for one in store.entries()] == [
+    assert [(entry.status, entry.weight) for entry in store.entries()] == [
         ("doubtful", 0.1),
         ("used", 0.9),
         ("excluded", 0.0),
         ("unreadable", 0.0),
     ]
-    assert [one.id for one in store.observations()] == ["b"]
+    assert [observation.id for observation in store.observations()] == ["b"]
     store.apply_assessments([Assessment("a", 0.8)])
-    assert [one.id for one in store.observations()] == ["a", "b"]
+    assert [observation.id for observation in store.observations()] == ["a", "b"]
     assert revision(store) == before
 
 
@@ -190,7 +192,7 @@ def test_observations_one_after_the_other(store, glide_at, monkeypatch, chunk, b
     store.add_all([glide_at(str(n)) for n in range(7)])
     break_text("2")
     store.exclude(["4"])
-    read = [(entry.number, one.id) for entry, one in store.each_observation()]
+    read = [(entry.number, observation.id) for entry, observation in store.each_observation()]
     assert read == [(1, "0"), (2, "1"), (4, "3"), (6, "5"), (7, "6")]
 
 
@@ -260,11 +262,11 @@ def test_counts_are_those_of_the_rows(tmp_path_factory, glide_at, actions):
             else:
                 getattr(store, action)(names)
             entries = store.entries()
-            found = Counter(entry.status for entry in entries)
-            assert store.counts() == {status: found[status] for status in STATUSES}
+            counts = Counter(entry.status for entry in entries)
+            assert store.counts() == {status: counts[status] for status in STATUSES}
             expected = {name for entry in entries for name in entry.materials}
             assert set(store.materials()) == expected
-            assert [one.id for one in store.observations()] == [
+            assert [observation.id for observation in store.observations()] == [
                 entry.id for entry in entries if entry.status == "used"
             ]
 
@@ -281,15 +283,19 @@ def detected(observation, generator, id):
 
 def test_a_recording_that_is_played_again_adds_nothing(store, glides):
     generator = np.random.default_rng(0)
-    seen = [
+    observations = [
         glides(generator, 0.5, counts=(40,), start=start, id=f"{start}")
         for start in (10.0, 10.1, 20.0, 1000.0)
     ]
-    first = [detected(one, generator, f"first {one.id}") for one in seen]
-    again = [detected(one, generator, f"again {one.id}") for one in seen]
+    first = [
+        detected(observation, generator, f"first {observation.id}") for observation in observations
+    ]
+    again = [
+        detected(observation, generator, f"again {observation.id}") for observation in observations
+    ]
     assert store.add_all(first) == 4
     assert store.add_all(again) == 0
-    assert not any(store.add(one) for one in again)
+    assert not any(store.add(observation) for observation in again)
     with ObservationStore(store.path.with_name("both.sqlite3")) as both:
         assert both.add_all([*first, *again]) == 4
 

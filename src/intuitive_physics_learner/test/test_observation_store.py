@@ -66,12 +66,14 @@ def acknowledged_by(writer):
 def test_gives_back_what_it_took_in_order(path, observation):
     some = [observation(id) for id in ("c", "a", "b")]
     with ObservationStore(path) as store:
-        assert [store.add(one) for one in some] == [True, True, True]
+        assert [store.add(observation) for observation in some] == [True, True, True]
     with ObservationStore(path) as store:
         assert store.count() == 3
         assert store.ids() == ["c", "a", "b"]
-        assert [one.to_json() for one in store.observations()] == [one.to_json() for one in some]
-        assert [one.id for one in store.observations(["b", "c"])] == ["c", "b"]
+        assert [observation.to_json() for observation in store.observations()] == [
+            observation.to_json() for observation in some
+        ]
+        assert [observation.id for observation in store.observations(["b", "c"])] == ["c", "b"]
         with pytest.raises(UnknownNameError, match="'x'; expected one of the 3"):
             store.observations(["a", "x"])
 
@@ -126,13 +128,13 @@ def test_survives_kill_9_at_any_instant(path, observation):
         process = multiprocessing.get_context("fork").Process(target=write, args=(number, writer))
         process.start()
         os.close(writer)
-        with os.fdopen(reader, "rb", buffering=0) as told:
+        with os.fdopen(reader, "rb", buffering=0) as reports:
             # Opening takes a few ms and a transaction about one, so kills fall into all of it.
-            before = len(b"".join(told.read(1) for _ in range(generator.integers(0, 5))))
+            before = len(b"".join(reports.read(1) for _ in range(generator.integers(0, 5))))
             time.sleep(generator.uniform(0.0, 0.005))
             process.kill()
             process.join()
-            count = before + len(told.read())
+            count = before + len(reports.read())
         acknowledged += [f"{number} {n}" for n in range(count)]
     assert len(acknowledged) > 60
     with ObservationStore(path) as store:

@@ -84,9 +84,9 @@ def test_friction_that_only_has_to_be_large_enough_has_a_one_sided_interval(
         thrown(event_driven, true, template, (speed, 0.0, 0.0), generator) for speed in speeds
     ]
     cost = TrajectoryCost(observed, event_driven, MATERIALS)
-    found = identify(cost, ParameterSpace(MATERIALS), replace_pair(true_parameters, 0.29))
-    low, high = found.intervals[PAIR]
-    assert found.identified[PAIR]
+    result = identify(cost, ParameterSpace(MATERIALS), replace_pair(true_parameters, 0.29))
+    low, high = result.intervals[PAIR]
+    assert result.identified[PAIR]
     assert 0.2 < low < 0.29
     assert high == 1.0
 
@@ -169,9 +169,9 @@ def test_observations_of_several_objects(glide, glides):
     observed.append(glides(generator, 0.5))
     space = ParameterSpace(materials)
     cost = TrajectoryCost(observed, glide, materials)
-    found = identify(cost, space, StaticParameters.uniform(materials, restitution=0.5))
+    result = identify(cost, space, StaticParameters.uniform(materials, restitution=0.5))
     names = parameter_names(materials)
-    assert {name for name, yes in zip(names, found.identified, strict=True) if yes} == {
+    assert {name for name, yes in zip(names, result.identified, strict=True) if yes} == {
         "restitution[ball, floor]",
         "restitution[floor, puck]",
     }

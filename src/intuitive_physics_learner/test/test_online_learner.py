@@ -33,12 +33,12 @@ def restitution(learned):
     ]
 
 
-def kicked(seen):
+def kicked(observation):
     """The same throw, but that the ball was kicked on its way."""
-    (ball,) = seen.objects
+    (ball,) = observation.objects
     times = ball.trajectory.times
     moved = ball.trajectory.positions + np.maximum(times - 0.4, 0.0)[:, None] * [2.0, -1.0, 1.0]
-    return replace(seen, objects=(replace(ball, trajectory=Trajectory(times, moved)),))
+    return replace(observation, objects=(replace(ball, trajectory=Trajectory(times, moved)),))
 
 
 @pytest.fixture(scope="module")
@@ -46,9 +46,9 @@ def stream(event_driven, throws):
     """What a learner published after each of some throws, and the learner."""
     learner = OnlineLearner(event_driven, OPTIONS)
     counts, published = [], []
-    for seen in noisy_throws(throws, 24, 0):
+    for observation in noisy_throws(throws, 24, 0):
         before = learner.simulations
-        published.append(learner.learn_from(seen))
+        published.append(learner.learn_from(observation))
         counts.append(learner.simulations - before)
     return learner, published, counts
 
@@ -59,7 +59,7 @@ def test_data_that_confirm_make_the_published_uncertainty_smaller(stream, true_p
     (_, early), (value, late) = restitution(published[3]), restitution(published[-1])
     assert late < 0.7 * early
     assert abs(value - truth) < 4.0 * late < 0.02
-    versions = [one.version for one in published]
+    versions = [version.version for version in published]
     assert versions == sorted(versions)
     assert published[-1].version > published[3].version
     assert published[-1].observation_count == 24
@@ -72,8 +72,9 @@ def test_what_leaves_the_window_still_counts(stream):
     place = parameter_names(state.materials).index("restitution[ball, floor]")
     everything = state.posterior.matrix[place, place]
     of_window = sum(
-        one.weight * one.likelihood.information[list(one.likelihood.parameters).index(place)][-1]
-        for one in state.window
+        member.weight
+        * member.likelihood.information[list(member.likelihood.parameters).index(place)][-1]
+        for member in state.window
     )
     assert everything > 1.5 * of_window
     assert published[-1].posterior.information[place, place] > 0.0
@@ -92,9 +93,9 @@ def test_a_disturbed_throw_is_set_aside_and_changes_nothing(event_driven, throws
         stream[0].kept_observations,
     )
     before, information = learner.state.published, learner.state.posterior.matrix.copy()
-    (seen,) = noisy_throws(throws, 1, 77)
-    (assessment,) = learner.learn_from_all([kicked(seen)])
-    assert (assessment.id, assessment.status) == (seen.id, DOUBTFUL)
+    (observation,) = noisy_throws(throws, 1, 77)
+    (assessment,) = learner.learn_from_all([kicked(observation)])
+    assert (assessment.id, assessment.status) == (observation.id, DOUBTFUL)
     assert assessment.weight < 0.5
     assert assessment.reason
     assert learner.state.set_aside == 1
@@ -108,19 +109,19 @@ def test_goes_on_exactly_where_it_was(event_driven, throws):
     observed = noisy_throws(throws, 9, 1)
     whole = OnlineLearner(event_driven, OPTIONS)
     parts = OnlineLearner(event_driven, OPTIONS)
-    for seen in observed:
-        whole.learn_from(seen)
+    for observation in observed:
+        whole.learn_from(observation)
         state = OnlineState.from_json(parts.state.to_json())
         parts = OnlineLearner(event_driven, OPTIONS, state, parts.kept_observations)
-        parts.learn_from(seen)
+        parts.learn_from(observation)
     assert parts.state.to_json() == whole.state.to_json()
 
 
 def test_the_same_observation_counts_once(event_driven, throws):
     learner = OnlineLearner(event_driven, OPTIONS)
-    (seen,) = noisy_throws(throws, 1, 2)
-    learner.learn_from_all([seen, seen])
-    learner.learn_from(seen)
+    (observation,) = noisy_throws(throws, 1, 2)
+    learner.learn_from_all([observation, observation])
+    learner.learn_from(observation)
     assert learner.state.processed == len(learner.state.window) == 1
 
 
@@ -133,8 +134,8 @@ def test_what_an_earlier_candidate_predicted_worse_does_not_add_up(event_driven,
     wrong = np.where(state.posterior.matrix.diagonal() > 0.0, 0.5, 0.0)
     state.published_information = state.posterior.copy()
     state.posterior.vector += state.posterior.matrix @ wrong
-    for seen in observed[4:]:
-        learner._process(seen)
+    for observation in observed[4:]:
+        learner._process(observation)
         assert -largest <= state.score <= 0.0
 
 
@@ -142,12 +143,12 @@ def test_forgets_with_the_time_constant(event_driven, throws):
     learner = OnlineLearner(event_driven, OnlineOptions(window=6, time_constant=10.0))
     (first,) = noisy_throws(throws, 1, 3)
     learner.learn_from(first)
-    known = learner.state.posterior.matrix.copy()
+    matrix = learner.state.posterior.matrix.copy()
     learner._forget_until(first.start_time + 10.0)
-    assert learner.state.posterior.matrix == pytest.approx(known / np.e)
+    assert learner.state.posterior.matrix == pytest.approx(matrix / np.e)
     # An observation that is older than the last one makes nothing younger.
     learner._forget_until(first.start_time)
-    assert learner.state.posterior.matrix == pytest.approx(known / np.e)
+    assert learner.state.posterior.matrix == pytest.approx(matrix / np.e)
 
 
 def test_a_floor_that_was_waxed_is_noticed(event_driven, gliding, glide):
@@ -156,12 +157,12 @@ def test_a_floor_that_was_waxed_is_noticed(event_driven, gliding, glide):
     for _ in range(10):
         learner.learn_from(gliding(generator, 0.8))
     assert learner.state.changes == []
-    found = [restitution(learner.learn_from(gliding(generator, 0.7)))[0] for _ in range(15)]
+    estimates = [restitution(learner.learn_from(gliding(generator, 0.7)))[0] for _ in range(15)]
     ((change, before),) = learner.state.changes
     assert change.pair == ("ball", "floor")
     assert before in (9, 10)
     assert OnlineState.from_json(learner.state.to_json()).changes == learner.state.changes
-    assert found[-1] == pytest.approx(0.7, abs=0.01)
+    assert estimates[-1] == pytest.approx(0.7, abs=0.01)
 
 
 @pytest.fixture(scope="session")
@@ -169,13 +170,15 @@ def gliding(glides):
     """Make observations of a gliding ball, with noise and with a noisy initial state."""
 
     def make(generator, e):
-        seen = glides(generator, e, counts=(12,))
-        (ball,) = seen.objects
+        observation = glides(generator, e, counts=(12,))
+        (ball,) = observation.objects
         positions = ball.trajectory.positions + generator.normal(0.0, 0.002, (12, 3))
         covariance = np.diag(np.repeat([1.0, 0.0, 0.0, 0.0], 3)) * 0.002**2
         state = replace(ball.initial_state, covariance=covariance)
         trajectory = Trajectory(ball.trajectory.times, positions)
-        return replace(seen, objects=(replace(ball, trajectory=trajectory, initial_state=state),))
+        return replace(
+            observation, objects=(replace(ball, trajectory=trajectory, initial_state=state),)
+        )
 
     return make
 
@@ -250,8 +253,8 @@ def test_a_value_that_is_held_never_moves(store, glide, gliding, value):
     newest = store.newest_parameters()
     assert restitution(newest) == restitution(held) == (value, 0.0)
     place = parameter_names(newest.materials).index("restitution[ball, floor]")
-    known = learning.learner.state
-    assert all(place not in one.likelihood.parameters for one in known.window)
+    state = learning.learner.state
+    assert all(place not in member.likelihood.parameters for member in state.window)
     assert newest.given.fixed[place]
 
 
@@ -280,32 +283,32 @@ def test_others_are_learned_beside_a_value_that_is_held(event_driven, throws, tr
 
 def test_a_prior_counts_as_the_inverse_of_its_variance(glide, gliding):
     generator = np.random.default_rng(10)
-    seen = [gliding(generator, 0.8) for _ in range(3)]
+    observations = [gliding(generator, 0.8) for _ in range(3)]
     free = OnlineLearner(glide, OPTIONS)
-    free.learn_from_all(seen)
+    free.learn_from_all(observations)
     value, deviation = restitution(free.state.published)
     place = parameter_names(free.state.materials).index("restitution[ball, floor]")
     information = free.state.posterior.matrix[place, place]
-    own = free.state.space.slopes(free.state.unit)[place, place]
-    deviation = own / np.sqrt(information)
+    slope = free.state.space.slopes(free.state.unit)[place, place]
+    deviation = slope / np.sqrt(information)
     prior = given_restitution(value + 2.0 * deviation, deviation, PRIOR)
     learner = OnlineLearner(glide, OPTIONS)
     # The result of a search that used the prior: what it was given is knowledge all the same.
     learner.adopt(replace(prior, version=1, method="joint_estimation"), informed=False)
-    learner.learn_from_all(seen)
-    found = learner.state.parameters.pair("ball", "floor")["restitution"]
-    assert found == pytest.approx(value + deviation, abs=0.3 * deviation)
+    learner.learn_from_all(observations)
+    coefficients = learner.state.parameters.pair("ball", "floor")["restitution"]
+    assert coefficients == pytest.approx(value + deviation, abs=0.3 * deviation)
     assert learner.state.published.given is not None
 
 
 def test_what_a_user_gave_does_not_grow_older(glide, gliding):
     learner = OnlineLearner(glide, OnlineOptions(window=6, time_constant=10.0))
     learner.adopt(replace(given_restitution(0.5, 0.01, PRIOR), version=1), informed=True)
-    known = learner.state.retired.matrix.copy()
+    matrix = learner.state.retired.matrix.copy()
     learner._forget_until(0.0)
     learner._forget_until(1000.0)
-    assert known.any()
-    assert learner.state.retired.matrix == pytest.approx(known)
+    assert matrix.any()
+    assert learner.state.retired.matrix == pytest.approx(matrix)
 
 
 def test_an_unreadable_row_is_passed_over(store, glide, gliding):
@@ -326,10 +329,10 @@ def test_what_was_excluded_leaves_and_comes_back_when_it_is_included(store, glid
     first = store.ids()[0]
     store.exclude([first])
     learning = learn_all(store, glide)
-    assert first not in [one.id for one in learning.learner.state.window]
+    assert first not in [member.id for member in learning.learner.state.window]
     store.include([first])
     learning = learn_all(store, glide)
-    assert first in [one.id for one in learning.learner.state.window]
+    assert first in [member.id for member in learning.learner.state.window]
 
 
 def test_a_state_that_cannot_be_read_only_takes_time(store, glide, gliding):

@@ -87,8 +87,10 @@ def test_coordinate_descent():
             order.append(int(target[0]))
         assert sorted(order) == [0, 1, 2, 3]
         orders.append(order)
-    found = {tuple(rule_of("coordinate_descent", seed=s).own_state()["order"]) for s in range(20)}
-    assert len(found) > 5
+    all_orders = {
+        tuple(rule_of("coordinate_descent", seed=s).own_state()["order"]) for s in range(20)
+    }
+    assert len(all_orders) > 5
 
 
 # "The first iteration uses random search. For the rest, a random parameter is targeted and the

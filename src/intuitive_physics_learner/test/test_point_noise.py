@@ -37,9 +37,9 @@ def flight(rng, times, errors, detections=None, smoothed=None):
 
 def sizes(observations):
     """Standard deviation in m of each track, the mean of its points."""
-    found = track_noises([detected(each) for each in observations])
+    noises = track_noises([detected(each) for each in observations])
     return [
-        float(np.sqrt(np.mean(np.linalg.inv(track.whitening) ** 2 * 3.0))) for (track,) in found
+        float(np.sqrt(np.mean(np.linalg.inv(track.whitening) ** 2 * 3.0))) for (track,) in noises
     ]
 
 

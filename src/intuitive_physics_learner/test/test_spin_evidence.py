@@ -75,7 +75,7 @@ def throws(simulator, count, seed, sigma, frames=45, known_spin=False):
         spin = sigma * generator.normal(size=3)
         start = ObjectState(position, linear_velocity=velocity, angular_velocity=spin)
         rollout = simulator.rollout([Scene(CORNER, (ball,), (start,))], RUBBER, times)
-        seen = rollout.positions[0, 0] + generator.normal(0.0, 0.002, (frames, 3))
+        points = rollout.positions[0, 0] + generator.normal(0.0, 0.002, (frames, 3))
         guess = 0.0 if known_spin else STATED
         believed = ObjectState(
             position + generator.normal(0.0, 0.001, 3),
@@ -84,7 +84,7 @@ def throws(simulator, count, seed, sigma, frames=45, known_spin=False):
             covariance=np.diag(np.repeat([1e-6, 0.0, 16e-6, guess**2], 3)),
         )
         observed.append(
-            Observation(CORNER, (ObservedObject(ball, Trajectory(times, seen), believed),), 0.0)
+            Observation(CORNER, (ObservedObject(ball, Trajectory(times, points), believed),), 0.0)
         )
     return observed
 
@@ -117,8 +117,8 @@ def test_the_spread_is_recovered_with_its_stated_error(sigma):
     distances = []
     for seed in range(40):
         generator, noise = np.random.default_rng(seed), 0.3 * sigma
-        seen = generator.normal(0.0, sigma, (30, 3)) + generator.normal(0.0, noise, (30, 3))
-        spread = spread_of([measured(spin, noise) for spin in seen])
+        points = generator.normal(0.0, sigma, (30, 3)) + generator.normal(0.0, noise, (30, 3))
+        spread = spread_of([measured(spin, noise) for spin in points])
         distances.append(distance(spread, sigma))
         assert 20.0 < spread.count <= 30.0
     # Of 40 honest ones 27 ± 3 are below one and 38 ± 1.3 below two.
@@ -175,8 +175,8 @@ def test_the_prior_of_the_fit_is_taken_out(prior):
 
 @given(st.floats(0.5, 300.0), st.floats(0.1, 1000.0))
 def test_evidence_begins_again_from_what_was_published(deviation, count):
-    known = InitialSpins({"ball": SpinSpread(deviation, count, STATED)})
-    (again,) = SpinEvidence.about(known).initial_spins().by_material.values()
+    spins = InitialSpins({"ball": SpinSpread(deviation, count, STATED)})
+    (again,) = SpinEvidence.about(spins).initial_spins().by_material.values()
     assert again.deviation == pytest.approx(deviation, rel=1e-3)
     assert again.count == pytest.approx(count)
 
@@ -233,8 +233,8 @@ def test_a_search_that_knows_nothing_of_spins_leaves_what_was_known(event_driven
     after = learn(observed, event_driven, rule, previous=replace(first, initial_spins=KNOWN))
     assert after.learned.initial_spins == KNOWN
     # A spin that was measured is none of which balls are thrown with unseen.
-    seen = throws(event_driven, 2, 0, 2.0, frames=15, known_spin=True)
-    assert not learn(seen, event_driven, OPTIONS).learned.initial_spins
+    observations = throws(event_driven, 2, 0, 2.0, frames=15, known_spin=True)
+    assert not learn(observations, event_driven, OPTIONS).learned.initial_spins
 
 
 def test_a_fit_continues_exactly_with_its_widened_priors(event_driven):
@@ -250,8 +250,8 @@ def test_a_fit_continues_exactly_with_its_widened_priors(event_driven):
 @given(st.integers(1, 6))
 def test_adopted_spins_are_kept_and_later_throws_add_to_them(count):
     learner = OnlineLearner(None)
-    known = InitialSpins({"ball": SpinSpread(2.5, float(count), STATED)})
-    from_others = replace(LearnedParameters.defaults(MATERIALS), initial_spins=known)
+    spins = InitialSpins({"ball": SpinSpread(2.5, float(count), STATED)})
+    from_others = replace(LearnedParameters.defaults(MATERIALS), initial_spins=spins)
     learner.adopt(from_others, informed=True)
     (spread,) = learner.state.initial_spins().by_material.values()
     assert spread.deviation == pytest.approx(2.5, rel=1e-3)

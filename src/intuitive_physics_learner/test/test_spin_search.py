@@ -43,8 +43,10 @@ def model_of(spin, parameters=GRIPPY, known=False):
     """A ball dropped 0.63 m onto the floor with a spin (3,) rad/s that is not seen."""
     ball, start = SceneObject("ball", "ball", Sphere(RADIUS)), (0.0, 0.0, RADIUS + 0.63)
     thrown = ObjectState(start, linear_velocity=(1.0, 0.0, 0.0), angular_velocity=spin)
-    seen = make_simulator("event_driven").rollout([Scene(FLOOR, (ball,), (thrown,))], GRIPPY, TIMES)
-    noisy = seen.positions[0, 0] + np.random.default_rng(0).normal(0.0, NOISE, (TIMES.size, 3))
+    rollout = make_simulator("event_driven").rollout(
+        [Scene(FLOOR, (ball,), (thrown,))], GRIPPY, TIMES
+    )
+    noisy = rollout.positions[0, 0] + np.random.default_rng(0).normal(0.0, NOISE, (TIMES.size, 3))
     believed = ObjectState(
         start,
         linear_velocity=(1.0, 0.0, 0.0),
@@ -62,10 +64,10 @@ def model_of(spin, parameters=GRIPPY, known=False):
 
 def other_spin(model):
     """The spin that is found to explain more, and up to when; None: there is none."""
-    found = model.other_spins(model.initial_estimate())
-    if not found:
+    spins = model.other_spins(model.initial_estimate())
+    if not spins:
         return None
-    ((deviations, until),) = found.values()
+    ((deviations, until),) = spins.values()
     return deviations[model._unknown_spins[0][0].places], until
 
 
@@ -74,9 +76,9 @@ def other_spin(model):
 def test_a_bounce_that_sticks_leads_to_the_spin_along_its_plane(x, y, z):
     # It sticks where (2/7) |v + ω × r| < μ (1 + e) v_n: here (2/7) (1 + 0.05 · 57) < 5.4. After it
     # v' = (5 v + 2 r (ω_y, -ω_x)) / 7: an error of 1.5 rad/s is one of 21 mm/s, 8 mm at the end.
-    found = other_spin(model_of((x, y, z)))
+    estimate = other_spin(model_of((x, y, z)))
     if np.hypot(x, y) > 5.0:
-        spin, until = found
+        spin, until = estimate
         assert until == pytest.approx(TIMES[9] + RETREAT + SETTINGS.largest_advance)
         np.testing.assert_allclose(spin[:2], (x, y), atol=1.5)
 
@@ -108,14 +110,14 @@ def test_what_is_said_of_a_spin_is_that_of_the_one_that_explains_more():
     # Before the bounce, where the fit begins, the spin moves nothing.
     model = model_of((0.0, -40.0, 0.0))
     fit = JointFit(model.task, SETTINGS)
-    ((alone,),) = (one.spins for one in fit.likelihoods())
-    ((found,),) = (one.spins for one in fit.likelihoods(look_for_spins=True))
+    ((alone,),) = (likelihood.spins for likelihood in fit.likelihoods())
+    ((likelihood,),) = (likelihood.spins for likelihood in fit.likelihoods(look_for_spins=True))
     assert not alone.precision.any()
     # 0.36 s after the bounce, 1 mm and 21 points tell v' to 2 mm/s, so r ω to 7 mm/s.
-    values, axes = np.linalg.eigh(found.precision)
+    values, axes = np.linalg.eigh(likelihood.precision)
     assert values[1] > 1.0
     along = axes[:, 1:]
-    spin = along @ (along.T @ found.pull / values[1:])
+    spin = along @ (along.T @ likelihood.pull / values[1:])
     np.testing.assert_allclose(spin[:2], (0.0, -40.0), atol=1.5)
     # The fit itself stays where it was.
     assert not np.array(fit.state()["fits"][0]["estimate"]).any()

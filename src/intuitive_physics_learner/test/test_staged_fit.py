@@ -39,9 +39,9 @@ class Moved:
     objects: tuple[int, ...]
 
 
-def moved(seen, material, away):
+def moved(observation, material, away):
     """The motion of a ball elsewhere, m, by a ball of another material."""
-    (ball,) = seen.objects
+    (ball,) = observation.objects
     shift, state = np.array([away, 0.0, 0.0]), ball.initial_state
     return replace(
         ball,
@@ -57,12 +57,16 @@ def task(event_driven, throws):
     observed = throws(9, 3, 0.005, 0.02, 30)
     named = ["red"] * 3 + ["green"] * 3
     alone = [
-        replace(seen, objects=(moved(seen, name, 0.0),), id="")
-        for seen, name in zip(observed, named, strict=False)
+        replace(observation, objects=(moved(observation, name, 0.0),), id="")
+        for observation, name in zip(observed, named, strict=False)
     ]
     both = [
-        replace(seen, objects=(moved(seen, "red", 0.0), moved(seen, "green", 1.0)), id="")
-        for seen in observed[6:]
+        replace(
+            observation,
+            objects=(moved(observation, "red", 0.0), moved(observation, "green", 1.0)),
+            id="",
+        )
+        for observation in observed[6:]
     ]
     cost = TrajectoryCost([*both, *alone], event_driven)
     influence = parameter_influence(cost.observations, cost.materials)
@@ -87,7 +91,7 @@ def test_groups_share_no_parameter_and_hold_all_objects_that_moved_alone(drawn):
     for row, (_, parameters) in zip(influence, drawn, strict=True):
         row[list(parameters)] = True
     groups = separable(observations, influence)
-    alone = {i for i, (count, own) in enumerate(drawn) if count == 1 and own}
+    alone = {i for i, (count, single) in enumerate(drawn) if count == 1 and single}
     if not groups:
         # Nothing to separate: none moved alone, or all belong together.
         assert not alone or len(alone) == len(drawn)
@@ -111,27 +115,29 @@ def test_an_object_is_fitted_as_if_there_were_no_other(task):
     assert len(groups) == 2
     assert staged.joint.steps == 0
     for members in groups:
-        own = influence[members].any(axis=0)
+        parameters = influence[members].any(axis=0)
         whole = task.active.copy()
-        whole[task.active] = own
+        whole[task.active] = parameters
         space = ActiveSpace(task.space, whole, task.start)
-        prior = task.prior.marginal(np.flatnonzero(own))
+        prior = task.prior.marginal(np.flatnonzero(parameters))
         cost = PartialCost(task.cost, members)
-        part = FitTask(cost, space, influence[np.ix_(members, own)], prior)
+        part = FitTask(cost, space, influence[np.ix_(members, parameters)], prior)
         fit = JointFit(part, JointEstimationSettings())
         for _ in range(STEPS):
             if not fit.settled:
                 fit.step()
-        np.testing.assert_allclose(staged.joint.unit[own], fit.unit, atol=1e-9)
-        found = staged.joint.observation_fits()
-        for member, one in zip(members, fit.observation_fits(), strict=True):
-            np.testing.assert_allclose(found[member].estimate, one.estimate, atol=1e-9)
-            assert found[member].horizon == one.horizon
+        np.testing.assert_allclose(staged.joint.unit[parameters], fit.unit, atol=1e-9)
+        fits = staged.joint.observation_fits()
+        for member, observation_fit in zip(members, fit.observation_fits(), strict=True):
+            np.testing.assert_allclose(fits[member].estimate, observation_fit.estimate, atol=1e-9)
+            assert fits[member].horizon == observation_fit.horizon
 
 
 def test_collisions_come_in_once_the_separate_fits_have_ended(task):
     staged = fit_of(task)
-    both = [i for i, seen in enumerate(task.cost.observations) if len(seen.objects) == 2]
+    both = [
+        i for i, observation in enumerate(task.cost.observations) if len(observation.objects) == 2
+    ]
     first = [staged.joint.observation_fits()[i].estimate for i in both]
     for _ in range(STEPS):
         staged.step()

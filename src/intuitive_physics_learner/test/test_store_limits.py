@@ -35,11 +35,13 @@ def of_materials(glides):
     """Make an observation with so many floors, each of a material of its own, and a box."""
 
     def make(name, *materials):
-        seen = glides(np.random.default_rng(0), 0.5, id=name)
-        planes = seen.environment.planes[:1]
-        more = [Plane(f"{name} {i}", one, (0, 0, 1), -9.0) for i, one in enumerate(materials)]
-        environment = Environment([*planes, *more], (), seen.environment.gravity)
-        return replace(seen, environment=environment, start_time=seen.start_time)
+        observation = glides(np.random.default_rng(0), 0.5, id=name)
+        planes = observation.environment.planes[:1]
+        more = [
+            Plane(f"{name} {i}", material, (0, 0, 1), -9.0) for i, material in enumerate(materials)
+        ]
+        environment = Environment([*planes, *more], (), observation.environment.gravity)
+        return replace(observation, environment=environment, start_time=observation.start_time)
 
     return make
 
@@ -83,13 +85,13 @@ def test_a_database_with_too_many_materials_starts_and_keeps_them_aside(path, of
     use_limits(InputLimits(most_materials=4))
     with ObservationStore(path) as store:
         assert len(store.materials()) == 3
-        status = {one.id: (one.status, one.reason) for one in store.entries()}
+        status = {entry.id: (entry.status, entry.reason) for entry in store.entries()}
         assert status["first"][0] == status["last"][0] == USED
         assert status["large"][0] == UNREADABLE
         assert "its 31 materials are too many" in status["large"][1]
         assert len(store.observations()) == 2
         assert CurrentParameters(store).extended() is not None
-        assert [one.id for one in store.check()] == ["large"]
+        assert [entry.id for entry in store.check()] == ["large"]
     use_limits(InputLimits())
     with ObservationStore(path) as store:
         assert store.check() == []
@@ -129,7 +131,7 @@ def test_only_the_owner_reads_a_new_database(path, glides):
         store.add(glides(np.random.default_rng(0), 0.5))
         files = list(path.parent.glob(f"{path.name}*"))
         assert len(files) == 3
-        assert {stat.S_IMODE(one.stat().st_mode) for one in files} == {0o600}
+        assert {stat.S_IMODE(file.stat().st_mode) for file in files} == {0o600}
 
 
 def test_the_permissions_of_an_old_database_stay(path):

@@ -96,18 +96,20 @@ def test_the_same_search_goes_on_and_another_begins_again(store, glide, glides, 
 
     def first_iteration(how, stop_at=None):
         """Iterations of the first report, which is of one batch."""
-        told = []
+        messages = []
         try:
             learn_from_store(
                 store,
                 glide,
                 how,
-                on_progress=lambda progress: told.append(progress.iteration),
-                cancelled=lambda: stop_at is not None and bool(told) and told[-1] >= stop_at,
+                on_progress=lambda progress: messages.append(progress.iteration),
+                cancelled=lambda: (
+                    stop_at is not None and bool(messages) and messages[-1] >= stop_at
+                ),
             )
         except LearningCancelledError:
             assert saved_searches(store) > 0
-        return told[0]
+        return messages[0]
 
     batch = first_iteration(asked, stop_at=300)
     assert first_iteration(replace(asked, seed=1), stop_at=300) == batch
@@ -167,8 +169,8 @@ def test_clear_errors(store, glide, glides):
 def test_an_environment_is_distinguished_from_objects_that_cannot_be_simulated(store, glides):
     square = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     table = Environment([Plane("table", "floor", [0, 0, 1], 0.0, boundary=square)])
-    seen = glides(np.random.default_rng(0), 0.4, id="on a table")
-    store.add(replace(seen, environment=table))
+    observation = glides(np.random.default_rng(0), 0.4, id="on a table")
+    store.add(replace(observation, environment=table))
     bullet = make_simulator("bullet")
     with pytest.raises(IncompatibleEnvironmentError, match=r"on a table .* has a boundary"):
         learn_from_store(store, bullet, options(10))
@@ -182,10 +184,14 @@ def test_an_environment_is_distinguished_from_objects_that_cannot_be_simulated(s
 def test_a_stored_search_is_plain_json(store, glide, glides, monkeypatch):
     monkeypatch.setattr(parameter_search, "CHECKPOINT_PERIOD", 0.0)
     store.add(glides(np.random.default_rng(0), 0.4))
-    told = []
+    messages = []
     with pytest.raises(LearningCancelledError):
         learn_from_store(
-            store, glide, options(), on_progress=told.append, cancelled=lambda: len(told) > 2
+            store,
+            glide,
+            options(),
+            on_progress=messages.append,
+            cancelled=lambda: len(messages) > 2,
         )
     with store._database.reading() as connection:
         (text,) = connection.execute("SELECT json FROM searches").fetchone()
@@ -215,5 +221,5 @@ def test_a_search_never_supersedes_values_that_were_given_since_it_began(store, 
 
 
 def test_a_search_supersedes_what_was_learned_meanwhile(store, throws):
-    found = given_meanwhile(store, throws, make_simulator("event_driven"), "online")
-    assert found.learned.version == store.newest_version() == 2
+    learned = given_meanwhile(store, throws, make_simulator("event_driven"), "online")
+    assert learned.learned.version == store.newest_version() == 2

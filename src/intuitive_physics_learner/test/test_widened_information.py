@@ -38,8 +38,8 @@ def test_identified_parameters_have_at_least_their_deviation():
     information = np.diag([1e4, 1e6, 1.0])
     least = np.array([0.05, 1e-4, 0.28])
     wider = widened_information(information, ONES, least)
-    found, before = deviations(wider), deviations(information)
-    np.testing.assert_allclose(found, [0.05, before[1], before[2]], rtol=1e-6)
+    widened, before = deviations(wider), deviations(information)
+    np.testing.assert_allclose(widened, [0.05, before[1], before[2]], rtol=1e-6)
 
 
 @given(

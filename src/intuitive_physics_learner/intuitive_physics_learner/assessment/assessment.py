@@ -96,27 +96,30 @@ def assess_observations(
     observations : with detections where they were smoothed
     trusted : ids of those that a user holds for good: they are assessed, but never doubtful
     """
-    tested = [detected(seen) for seen in observations]
+    tested = [detected(observation) for observation in observations]
     noises = track_noises(tested)
-    found = [
-        _violations(tracks_of(seen, [one.whitening for one in noise]))
-        for seen, noise in zip(tested, noises, strict=True)
+    all_violations = [
+        _violations(tracks_of(observation, [each.whitening for each in noise]))
+        for observation, noise in zip(tested, noises, strict=True)
     ]
-    log_ps = np.array([_least(violations) for violations in found])
+    log_ps = np.array([_least(violations) for violations in all_violations])
     weights = good_probabilities(log_ps)
     clean, assessments = [], []
-    for seen, violations, weight in zip(observations, found, weights.tolist(), strict=True):
-        if weight >= LEAST_GOOD or seen.id in trusted:
-            clean.append(seen)
-            assessments.append(Assessment(seen.id, weight, "", USED))
+    for observation, violations, weight in zip(
+        observations, all_violations, weights.tolist(), strict=True
+    ):
+        if weight >= LEAST_GOOD or observation.id in trusted:
+            clean.append(observation)
+            assessments.append(Assessment(observation.id, weight, "", USED))
             continue
-        worst = min(violations, key=lambda one: one.log_p)
-        notable = [one for one in violations if one.log_p <= max(0.5 * worst.log_p, LEAST_NOTABLE)]
-        first = min(notable, key=lambda one: one.clean_until)
-        began = min(float(each.trajectory.times[0]) for each in seen.objects)
+        worst = min(violations, key=lambda violation: violation.log_p)
+        limit = max(0.5 * worst.log_p, LEAST_NOTABLE)
+        notable = [violation for violation in violations if violation.log_p <= limit]
+        first = min(notable, key=lambda violation: violation.clean_until)
+        began = min(float(each.trajectory.times[0]) for each in observation.objects)
         reason = f"{worst.what} at t = {worst.time - began:.2f} s"
-        clean.append(clean_part(seen, first.clean_until))
-        assessments.append(Assessment(seen.id, weight, reason, DOUBTFUL))
+        clean.append(clean_part(observation, first.clean_until))
+        assessments.append(Assessment(observation.id, weight, reason, DOUBTFUL))
     return AssessedObservations(tuple(clean), tuple(assessments))
 
 
@@ -135,7 +138,7 @@ def reassessed(
     `lengths` (n,) σ, of residuals just beyond where each fit stops; NaN where it does not stop;
     `times` (n,) s after the start, where these are.
     """
-    rest = np.flatnonzero([one.status == USED for one in assessments])
+    rest = np.flatnonzero([assessment.status == USED for assessment in assessments])
     if rest.size == 0:
         return tuple(assessments)
     sizes = np.log(np.maximum(np.nan_to_num(lengths[rest], nan=MEDIAN_LENGTH_3), MEDIAN_LENGTH_3))
@@ -143,16 +146,16 @@ def reassessed(
     spread = max(float(upper - middle), SMALLEST_STOP_SPREAD)
     scores = (sizes - middle) / spread
     weights = good_probabilities(t.logsf(scores, STOP_FREEDOM))
-    found = list(assessments)
+    results = list(assessments)
     for member, weight in zip(rest.tolist(), weights.tolist(), strict=True):
-        one = assessments[member]
-        weight *= one.weight
-        if weight >= LEAST_GOOD or one.id in trusted:
-            found[member] = replace(one, weight=weight)
+        assessment = assessments[member]
+        weight *= assessment.weight
+        if weight >= LEAST_GOOD or assessment.id in trusted:
+            results[member] = replace(assessment, weight=weight)
         else:
             reason = f"its fit fails at t = {times[member]:.2f} s as no other does"
-            found[member] = Assessment(one.id, weight, reason, DOUBTFUL)
-    return tuple(found)
+            results[member] = Assessment(assessment.id, weight, reason, DOUBTFUL)
+    return tuple(results)
 
 
 LEAST_NOTABLE = -10.0
@@ -160,36 +163,38 @@ LEAST_NOTABLE = -10.0
 on an observation is not used."""
 
 
-def clean_part(seen: Observation, until: float) -> Observation:
+def clean_part(observation: Observation, until: float) -> Observation:
     """Return an observation up to a time, and with a few points after its start in any case.
 
     `until` in s, on the clock of its trajectories.
     """
-    objects = tuple(_cut(each, until, seen.start_time, LEAST_POINTS) for each in seen.objects)
-    return replace(seen, objects=objects)
+    objects = tuple(
+        _cut(each, until, observation.start_time, LEAST_POINTS) for each in observation.objects
+    )
+    return replace(observation, objects=objects)
 
 
-def _cut(seen: ObservedObject, until: float, start: float, least: int) -> ObservedObject:
+def _cut(observed: ObservedObject, until: float, start: float, least: int) -> ObservedObject:
     def count(times: NDArray[np.float64]) -> int:
         inside, before = np.searchsorted(times, [until, start], side="right").tolist()
         return max(inside, min(before + least, times.size))
 
-    track, found = seen.trajectory, seen.detections
+    track, detections = observed.trajectory, observed.detections
     kept = count(track.times)
     trajectory = Trajectory(track.times[:kept], track.positions[:kept])
-    if found is not None:
-        kept = count(found.times)
-        found = replace(
-            found,
-            times=found.times[:kept],
-            positions=found.positions[:kept],
-            covariances=found.covariances[:kept],
+    if detections is not None:
+        kept = count(detections.times)
+        detections = replace(
+            detections,
+            times=detections.times[:kept],
+            positions=detections.positions[:kept],
+            covariances=detections.covariances[:kept],
         )
-    return replace(seen, trajectory=trajectory, detections=found)
+    return replace(observed, trajectory=trajectory, detections=detections)
 
 
 def _violations(tracks: Sequence[Track]) -> list[Violation]:
-    found = []
+    violations = []
     for track in tracks:
         each = [
             jump_violation(track),
@@ -197,15 +202,16 @@ def _violations(tracks: Sequence[Track]) -> list[Violation]:
             rest_violation(track),
             *impulse_violations(track),
         ]
-        found += [one for one in each if one is not None]
-    return found
+        violations += [violation for violation in each if violation is not None]
+    return violations
 
 
 def _least(violations: Sequence[Violation]) -> float:
     """Return the logarithm of the p value of the worst of all tests (Bonferroni)."""
     if not violations:
         return 0.0
-    return min(0.0, min(one.log_p for one in violations) + float(np.log(len(violations))))
+    worst = min(violation.log_p for violation in violations)
+    return min(0.0, worst + float(np.log(len(violations))))
 
 
 def good_probabilities(log_ps: NDArray[np.float64]) -> NDArray[np.float64]:

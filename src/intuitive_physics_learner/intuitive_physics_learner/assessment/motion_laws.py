@@ -137,8 +137,8 @@ def free_intervals(track: Track) -> NDArray[np.bool_]:
 def _differences(gaps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return differences (n - 1,) of gaps (n,), 0 between infinite ones."""
     finite = np.isfinite(gaps)
-    known = np.where(finite, gaps, 0.0)
-    return np.where(finite[1:] & finite[:-1], np.diff(known), 0.0)
+    distances = np.where(finite, gaps, 0.0)
+    return np.where(finite[1:] & finite[:-1], np.diff(distances), 0.0)
 
 
 def flight_losses(
@@ -158,7 +158,7 @@ def flight_losses(
     whitening = track.whitening[index]
     places = track.positions[index] - 0.5 * track.gravity * times[..., None] ** 2
     places = places - places.mean(axis=1, keepdims=True)
-    seen = np.einsum("wlij,wlj->wli", whitening, places)
+    whitened = np.einsum("wlij,wlj->wli", whitening, places)
     columns = [np.ones_like(times), times, 0.5 * times**2]
     if impulse:
         columns.append(np.abs(times))
@@ -169,10 +169,10 @@ def flight_losses(
     spread = AIR_ACCELERATION if track.in_air else FLIGHT_ACCELERATION
     prior = np.diag(np.repeat([0.0, 0.0, spread**-2, 0.0][: len(columns)], 3))
     inverse = np.linalg.inv(np.einsum("wlip,wliq->wpq", design, design) + prior)
-    projected = np.einsum("wlip,wli->wp", design, seen)
-    found = np.einsum("wpq,wq->wp", inverse, projected)
-    residuals = seen - np.einsum("wlip,wp->wli", design, found)
-    losses = (seen**2).sum(axis=(1, 2)) - (projected * found).sum(axis=1)
+    projected = np.einsum("wlip,wli->wp", design, whitened)
+    solution = np.einsum("wpq,wq->wp", inverse, projected)
+    residuals = whitened - np.einsum("wlip,wp->wli", design, solution)
+    losses = (whitened**2).sum(axis=(1, 2)) - (projected * solution).sum(axis=1)
     # Without a point, the loss is less by rᵀ (1 - H)⁻¹ r, H its own block of the hat matrix.
     left = np.eye(3) - np.einsum("wlip,wpq,wljq->wlij", design, inverse, design, optimize=True)
     gains = np.einsum("wli,wli->wl", residuals, np.linalg.solve(left, residuals[..., None])[..., 0])
@@ -213,7 +213,7 @@ def _away(
     times, positions, noise = track.times, track.positions, track.noise
     duration = (times[last] - times[first])[:, None]
     step = positions[last] - positions[first]
-    found = np.full(len(first), np.inf)
+    smallest = np.full(len(first), np.inf)
     for before in (1, 2):
         for after in (1, 2):
             early = duration / (times[first] - times[first - before])[:, None]
@@ -227,8 +227,8 @@ def _away(
             # The variance of a step less one velocity's, which share a point.
             ratio = np.maximum(early, late)[:, 0]
             spread = noise[first] * np.sqrt((1.0 + ratio) ** 2 + ratio**2 + 1.0)
-            found = np.minimum(found, np.maximum(off - bent, 0.0) / spread)
-    return found
+            smallest = np.minimum(smallest, np.maximum(off - bent, 0.0) / spread)
+    return smallest
 
 
 def impulse_violations(track: Track) -> list[Violation]:
@@ -244,8 +244,9 @@ def impulse_violations(track: Track) -> list[Violation]:
     index = places[:, None] + np.arange(-half, half)
     track = replace(track, positions=_without_outliers(track))
     resting, sliding = _contact_states(track, index)
-    known = resting | sliding
-    places, index, resting, sliding = places[known], index[known], resting[known], sliding[known]
+    in_contact = resting | sliding
+    places, index = places[in_contact], index[in_contact]
+    resting, sliding = resting[in_contact], sliding[in_contact]
     begins, ends = track.times[places - 1], track.times[places]
     changes, spreads = _impulses(track, index)
     up = track.up
@@ -261,11 +262,11 @@ def impulse_violations(track: Track) -> list[Violation]:
         (sliding, norm.logsf(lengths(upward))),
         (sliding, _hops(track, index)),
     ]
-    found = [
+    violations = [
         violations_of(log_ps[where], begins[where], ends[where], "kicked")
         for where, log_ps in tests
     ]
-    return [one for one in found if one is not None]
+    return [violation for violation in violations if violation is not None]
 
 
 def _contact_states(
@@ -292,12 +293,12 @@ def _without_outliers(track: Track) -> NDArray[np.float64]:
     """Return positions (n, 3), in m, with points far from both neighbours put between these."""
     between = 0.5 * (track.positions[:-2] + track.positions[2:])
     off = np.linalg.norm(track.positions[1:-1] - between, axis=1)
-    found = track.positions.copy()
+    smoothed = track.positions.copy()
     far = np.flatnonzero(off > OUTLIER_LENGTH * track.noise[1:-1])
     # Beside an outlier a point is far from the mean of its neighbours too, by half as much.
     worst = [k for k in far if off[k] >= off[max(k - 1, 0) : k + 2].max()]
-    found[1:-1][worst] = between[worst]
-    return found
+    smoothed[1:-1][worst] = between[worst]
+    return smoothed
 
 
 def _impulses(
@@ -309,12 +310,12 @@ def _impulses(
     early, late = np.minimum(times, 0.0), np.maximum(times, 0.0)
     basis = [np.ones_like(times), times, 0.5 * early**2, 0.5 * late**2, late]
     design = np.stack(basis, axis=-1) / track.noise[index][..., None]
-    seen = track.positions[index] - track.positions[index[:, half - 1]][:, None]
-    seen = seen / track.noise[index][..., None]
+    relative = track.positions[index] - track.positions[index[:, half - 1]][:, None]
+    relative = relative / track.noise[index][..., None]
     prior = np.diag([0.0, 0.0, *[CONTACT_ACCELERATION**-2] * 2, 0.0])
     inverse = np.linalg.inv(np.einsum("wlp,wlq->wpq", design, design) + prior)
-    found = inverse @ np.einsum("wlp,wli->wpi", design, seen)
-    return found[:, 4], np.sqrt(inverse[:, 4, 4])
+    coefficients = inverse @ np.einsum("wlp,wli->wpi", design, relative)
+    return coefficients[:, 4], np.sqrt(inverse[:, 4, 4])
 
 
 def _steady(values: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[np.bool_]:

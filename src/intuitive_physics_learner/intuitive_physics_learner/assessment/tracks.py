@@ -79,9 +79,9 @@ def tracks_of(observation: Observation, whitenings: Sequence[NDArray[np.float64]
 
 
 def _track(observation: Observation, number: int, whitening: NDArray[np.float64]) -> Track:
-    seen = observation.objects[number]
-    times, positions = seen.trajectory.times, seen.trajectory.positions
-    radius = seen.object.shape.bounding_radius
+    observed = observation.objects[number]
+    times, positions = observed.trajectory.times, observed.trajectory.positions
+    radius = observed.object.shape.bounding_radius
     gravity = observation.environment.gravity
     support, walls, heights = _environment_gaps(observation.environment, radius, positions)
     others = np.full(len(times), np.inf)
@@ -97,8 +97,8 @@ def _track(observation: Observation, number: int, whitening: NDArray[np.float64]
         walls,
         others,
         heights,
-        _resting_heights(seen.object.shape),
-        seen.object.has_air_forces,
+        _resting_heights(observed.object.shape),
+        observed.object.has_air_forces,
     )
 
 

@@ -48,12 +48,12 @@ class CachedCost(Cost):
         answers: dict[tuple[int, bytes], NDArray[np.float64]] = {}
         missing: dict[tuple[int, bytes], int] = {}
         for trial, ((_, i), key) in enumerate(zip(places, keys, strict=True)):
-            known = self._known[i].get(key)
-            if known is None:
+            cached = self._known[i].get(key)
+            if cached is None:
                 missing.setdefault((i, key), trial)
             else:
                 self._known[i].move_to_end(key)
-                answers[i, key] = known
+                answers[i, key] = cached
         if missing:
             chosen = np.array(list(missing.values()))
             rows = self._cost.trial_distances(trials.taken(chosen))
@@ -67,7 +67,7 @@ class CachedCost(Cost):
         return self._cost.trial_residuals(trials)
 
     def _remember(self, observation: int, key: bytes, distances: NDArray[np.float64]) -> None:
-        known = self._known[observation]
-        known[key] = distances
-        if len(known) > REMEMBERED:
-            known.popitem(last=False)
+        cached = self._known[observation]
+        cached[key] = distances
+        if len(cached) > REMEMBERED:
+            cached.popitem(last=False)

@@ -68,14 +68,18 @@ class Cost(ABC):
             raise NoObservationsError("there are no observations; expected at least one")
         self.observations = tuple(observations)
         self.materials = tuple(materials or observation_materials(observations))
-        owners = [(i, j) for i, seen in enumerate(observations) for j in range(len(seen.objects))]
+        owners = [
+            (i, j)
+            for i, observation in enumerate(observations)
+            for j in range(len(observation.objects))
+        ]
         self.trajectory_observation = np.array([i for i, _ in owners])
         self.trajectory_object = np.array([j for _, j in owners])
         self.trajectory_points = np.array(
             [
-                int((times_after_start(seen, one) >= 0.0).sum())
-                for seen in observations
-                for one in seen.objects
+                int((times_after_start(observation, track) >= 0.0).sum())
+                for observation in observations
+                for track in observation.objects
             ]
         )
         self.point_trajectory = np.repeat(np.arange(len(owners)), self.trajectory_points)
@@ -179,7 +183,7 @@ class TrajectoryCost(Cost):
         for g, group in enumerate(self._groups):
             self._row[group.members] = np.arange(group.members.size)
             self._group[group.members] = g
-        self._objects = max(group.seen.shape[1] for group in self._groups)
+        self._objects = max(group.has_point.shape[1] for group in self._groups)
         self._points = max(group.points.shape[1] for group in self._groups)
 
     def trial_distances(self, trials: Trials) -> NDArray[np.float64]:
@@ -189,12 +193,12 @@ class TrajectoryCost(Cost):
             lengths[~part.counted] = 0.0
             # An object that was not seen early enough to count is at no distance.
             if self._largest:
-                found = lengths.max(axis=2)
+                means = lengths.max(axis=2)
             else:
-                found = lengths.sum(axis=2) / np.maximum(part.counted.sum(axis=2), 1)
-            found[part.failed] = FAILED_DISTANCE
-            found = np.nan_to_num(found, nan=FAILED_DISTANCE, posinf=FAILED_DISTANCE)
-            distances[part.trials, : found.shape[1]] = np.minimum(found, FAILED_DISTANCE)
+                means = lengths.sum(axis=2) / np.maximum(part.counted.sum(axis=2), 1)
+            means[part.failed] = FAILED_DISTANCE
+            means = np.nan_to_num(means, nan=FAILED_DISTANCE, posinf=FAILED_DISTANCE)
+            distances[part.trials, : means.shape[1]] = np.minimum(means, FAILED_DISTANCE)
         return distances
 
     def trial_residuals(self, trials: Trials) -> NDArray[np.float64]:
@@ -232,7 +236,7 @@ class _Simulated:
         `points` (W, P) of each observation of the group, as `PackedObservations.points`.
         """
         count, objects, simulated = self.counted.shape
-        owner, column = np.divmod(points, self.group.seen.shape[2])
+        owner, column = np.divmod(points, self.group.has_point.shape[2])
         there = (points >= 0) & (column < simulated)
         place = np.where(there, owner * simulated + column, 0)[self.rows]
         place += objects * simulated * np.arange(count)[:, None]

@@ -27,7 +27,7 @@ class PackedObservations:
     worlds : their scenes
     times : (W, T) s after the start; every time at which any of the objects was seen
     observed : (W, O, T, 3) m, 0 where the object was not seen at that time
-    seen : (W, O, T) bool
+    has_point : (W, O, T) bool
     points : (W, P) index on the axes (O, T) of each point that was seen, object after object, -1
         beyond the last
     """
@@ -36,7 +36,7 @@ class PackedObservations:
     worlds: WorldBatch
     times: NDArray[np.float64]
     observed: NDArray[np.float64]
-    seen: NDArray[np.bool_]
+    has_point: NDArray[np.bool_]
     points: NDArray[np.int64]
 
     def simulate(
@@ -65,7 +65,7 @@ class PackedObservations:
             self.worlds.taken(rows, **changes), times, orientations=False
         )
         offsets = rollout.positions - self.observed[rows, :, :wanted]
-        counted = self.seen[rows, :, :wanted] & np.isfinite(times)[:, None]
+        counted = self.has_point[rows, :, :wanted] & np.isfinite(times)[:, None]
         return offsets, counted, rollout.status != WorldStatus.OK
 
 
@@ -74,9 +74,9 @@ def packed_in_groups(
 ) -> list[PackedObservations]:
     """Pack observations in groups so alike that at most half of each is padding."""
     groups: dict[tuple[int, int], list[int]] = {}
-    for i, seen in enumerate(observations):
-        longest = max(len(one.trajectory) for one in seen.objects)
-        groups.setdefault((len(seen.objects), longest.bit_length()), []).append(i)
+    for i, observation in enumerate(observations):
+        longest = max(len(track.trajectory) for track in observation.objects)
+        groups.setdefault((len(observation.objects), longest.bit_length()), []).append(i)
     neutral = StaticParameters.uniform(materials)
     return [_packed(observations, groups[key], neutral) for key in sorted(groups)]
 
@@ -85,30 +85,33 @@ def _packed(
     observations: Sequence[Observation], members: list[int], neutral: StaticParameters
 ) -> PackedObservations:
     some = [observations[i] for i in members]
-    relative = [[times_after_start(seen, one) for one in seen.objects] for seen in some]
+    relative = [
+        [times_after_start(observation, track) for track in observation.objects]
+        for observation in some
+    ]
     unions = [np.unique(np.concatenate(times)) for times in relative]
     unions = [union[union >= 0.0] for union in unions]
     shape = (len(some), len(some[0].objects), max(map(len, unions)))
     times = np.full((shape[0], shape[2]), np.nan)
     observed = np.zeros((*shape, 3))
-    seen_at = np.zeros(shape, dtype=bool)
-    for w, (seen, union) in enumerate(zip(some, unions, strict=True)):
+    has_point = np.zeros(shape, dtype=bool)
+    for w, (observation, union) in enumerate(zip(some, unions, strict=True)):
         times[w, : union.size] = union
-        for j, one in enumerate(seen.objects):
+        for j, track in enumerate(observation.objects):
             after = relative[w][j] >= 0.0
             columns = np.searchsorted(union, relative[w][j][after])
-            observed[w, j, columns] = one.trajectory.positions[after]
-            seen_at[w, j, columns] = True
-    worlds = pack_worlds([seen.scene() for seen in some], neutral)
-    places = [np.flatnonzero(seen) for seen in seen_at]
+            observed[w, j, columns] = track.trajectory.positions[after]
+            has_point[w, j, columns] = True
+    worlds = pack_worlds([observation.scene() for observation in some], neutral)
+    places = [np.flatnonzero(mask) for mask in has_point]
     points = np.full((len(some), max(map(len, places))), -1)
     for w, place in enumerate(places):
         points[w, : place.size] = place
-    return PackedObservations(np.array(members), worlds, times, observed, seen_at, points)
+    return PackedObservations(np.array(members), worlds, times, observed, has_point, points)
 
 
-def times_after_start(observation: Observation, seen: ObservedObject) -> NDArray[np.float64]:
+def times_after_start(observation: Observation, track: ObservedObject) -> NDArray[np.float64]:
     """Return the times (n_points,) in s after the start; points before it do not count."""
-    relative = seen.trajectory.times - observation.start_time
+    relative = track.trajectory.times - observation.start_time
     relative[(relative < 0.0) & (relative >= -START_TOLERANCE)] = 0.0
     return relative

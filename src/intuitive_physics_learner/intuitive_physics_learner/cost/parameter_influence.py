@@ -31,13 +31,13 @@ def parameter_influence(
     index = {name: i for i, name in enumerate(materials)}
     pairs = np.zeros((len(observations), len(place)), dtype=bool)
     densities = np.zeros((len(observations), len(materials)), dtype=bool)
-    for row, seen in enumerate(observations):
-        objects = [observed.object for observed in seen.objects]
-        for i, one in enumerate(objects):
+    for row, observation in enumerate(observations):
+        objects = [observed.object for observed in observation.objects]
+        for i, body in enumerate(objects):
             near = [other.material for other in objects[:i] + objects[i + 1 :]]
-            for material in (*near, *seen.environment.materials):
-                pairs[row, place[frozenset((one.material, material))]] = True
-            densities[row, index[one.material]] |= bool(near) or one.has_air_forces
+            for material in (*near, *observation.environment.materials):
+                pairs[row, place[frozenset((body.material, material))]] = True
+            densities[row, index[body.material]] |= bool(near) or body.has_air_forces
     return np.hstack([densities, np.repeat(pairs, len(PAIR_COEFFICIENTS), axis=1)])
 
 

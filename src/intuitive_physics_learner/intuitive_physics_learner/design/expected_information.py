@@ -83,10 +83,10 @@ class ExpectedPosteriors:
         of the functions per width of each parameter.
         """
         crossed = covariance @ directions.T
-        own = covariance[self.parameters[:, :, None], self.parameters[:, None, :]]
-        gains = np.asarray(np.linalg.solve(own, crossed[self.parameters]), dtype=np.float64)
+        block = covariance[self.parameters[:, :, None], self.parameters[:, None, :]]
+        gains = np.asarray(np.linalg.solve(block, crossed[self.parameters]), dtype=np.float64)
         swapped = gains.transpose(0, 2, 1)
-        return Reduction(directions @ crossed, swapped, own - self.covariances.mean(axis=0))
+        return Reduction(directions @ crossed, swapped, block - self.covariances.mean(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,14 +160,14 @@ def expected_posteriors(
     misses = [_execution_errors(throws, block, len(units), settings, rng) for block in blocks]
     steps = np.full(posterior.mean.size, 2.0 * PARAMETER_STEP)
     for block, missed in zip(blocks, misses, strict=True):
-        own = covariance[block.parameters[:, :, None], block.parameters[:, None, :]]
-        found = np.empty((len(units), *own.shape))
+        prior = covariance[block.parameters[:, :, None], block.parameters[:, None, :]]
+        expected = np.empty((len(units), *prior.shape))
         for k, unit in enumerate(units):
             stop_if(cancelled)
             at = ParameterSteps(unit, steps, groups, space.to_parameters)
             linear = _linearised(cost, block, missed[k], at)
-            found[k] = _filtered(linear, block, own, at, viewing)
-        yield ExpectedPosteriors(block.members, block.parameters, found)
+            expected[k] = _filtered(linear, block, prior, at, viewing)
+        yield ExpectedPosteriors(block.members, block.parameters, expected)
 
 
 def _execution_errors(
@@ -180,8 +180,8 @@ def _execution_errors(
     """Errors (n_draws, W, d), in SI units, with which the throws of a block are made."""
     widths = np.zeros((block.members.size, block.initial_states.observed.shape[1] * 12))
     for row, member in zip(widths, block.members, strict=True):
-        own = throws[member].widths.ravel()
-        row[: own.size] = own
+        spreads = throws[member].widths.ravel()
+        row[: spreads.size] = spreads
     own_widths = np.take_along_axis(widths, block.initial_states.components, axis=1)
     normal = rng.standard_normal((draws, *own_widths.shape))
     return np.asarray(settings.execution_error * own_widths * normal)
@@ -200,20 +200,20 @@ def _linearised(
 def _filtered(
     linear: Linearisation,
     block: ObservationBlock,
-    own: NDArray[np.float64],
+    prior: NDArray[np.float64],
     at: ParameterSteps,
     viewing: ViewingConditions,
 ) -> NDArray[np.float64]:
     """Covariance (W, q, q) of each throw's parameters after its track, in widths².
 
-    `own` (W, q, q) covariance of each one's parameters before the throw, in widths².
+    `prior` (W, q, q) covariance of each one's parameters before the throw, in widths².
     """
     noise = viewing.noise
     count, k, points = linear.slopes.shape[:3]
     d = block.prior_deviations.shape[1]
     covariance = np.zeros((count, k, k))
     covariance[:, range(d), range(d)] = block.prior_deviations**2
-    covariance[:, d:, d:] = own
+    covariance[:, d:, d:] = prior
     curvatures = _curvatures(linear, block, at)
     usable = linear.valid & _in_view(linear.residuals, block, viewing)
     first = block.times <= first_horizons(block)[:, None]
@@ -231,9 +231,9 @@ def _filtered(
         bends = np.sqrt(((0.25 * variances * curvatures[rows, :, p]) ** 2).sum(axis=(1, 2)))
         straight = bends <= LARGEST_BEND * noise + LARGEST_BEND_SHARE * spreads
         predictable = (spreads <= LARGEST_SPREAD) & straight
-        seen = usable[rows, p]
-        alive &= ~seen | predictable | first[rows, p]
-        counted = (alive & seen)[:, None, None]
+        visible = usable[rows, p]
+        alive &= ~visible | predictable | first[rows, p]
+        counted = (alive & visible)[:, None, None]
         gains = np.linalg.solve(predicted + noise**2 * np.eye(3), reach.transpose(0, 2, 1))
         covariance -= np.where(counted, reach @ gains, 0.0)
     return np.ascontiguousarray(covariance[:, d:, d:])

@@ -98,17 +98,17 @@ class AboutParameters(Question):
     def indices(self, known: Sequence[str]) -> list[int]:
         """Return the index of each among the names of all parameters."""
         places = {parameter_key(name): k for k, name in enumerate(known)}
-        found = []
+        indices = []
         for name in self.names:
             key = parameter_key(name.strip())
             if key not in places:
                 raise UnknownNameError(f"parameter is {name!r}; expected one of {', '.join(known)}")
-            found.append(places[key])
-        if not found or len(set(found)) != len(found):
+            indices.append(places[key])
+        if not indices or len(set(indices)) != len(indices):
             raise InvalidInputError(
                 f"parameters asked for are {list(self.names)}; expected at least one, each once"
             )
-        return found
+        return indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,9 +162,11 @@ class AboutMotion(Question):
 
         Returns (r, n) units of the functions per width.
         """
-        own = posterior.extended(self.scene.materials)
-        units = own.draw(QUERY_DRAWS, rng)
-        answers = self._answers([own.space.to_parameters(unit) for unit in units], simulator)
+        scene_posterior = posterior.extended(self.scene.materials)
+        units = scene_posterior.draw(QUERY_DRAWS, rng)
+        answers = self._answers(
+            [scene_posterior.space.to_parameters(unit) for unit in units], simulator
+        )
         good = np.isfinite(answers).all(axis=1)
         if not good.any():
             raise InvalidInputError(
@@ -175,11 +177,11 @@ class AboutMotion(Question):
         off = units[good] - units[good].mean(axis=0)
         change = answers[good] - answers[good].mean(axis=0)
         change[:, np.ptp(answers[good], axis=0) < SMALLEST_CHANGE] = 0.0
-        found = np.zeros((answers.shape[1], units.shape[1]))
-        found[:, matters] = np.linalg.lstsq(off[:, matters], change, rcond=None)[0].T
-        old, new = parameter_places(own.materials, posterior.materials)
+        answer_slopes = np.zeros((answers.shape[1], units.shape[1]))
+        answer_slopes[:, matters] = np.linalg.lstsq(off[:, matters], change, rcond=None)[0].T
+        old, new = parameter_places(scene_posterior.materials, posterior.materials)
         slopes = np.zeros((answers.shape[1], posterior.mean.size))
-        slopes[:, new] = found[:, old]
+        slopes[:, new] = answer_slopes[:, old]
         return slopes
 
     def _influence(self) -> NDArray[np.bool_]:

@@ -94,7 +94,7 @@ def suggest_from_store(
     """
     newest = store.entries(statuses=(USED,), limit=MOST_OBSERVATIONS, newest=True)
     observations = store.observations([entry.id for entry in newest]) if newest else []
-    options = ThrowOptions.seen(observations, request.object).between(
+    options = ThrowOptions.of_observations(observations, request.object).between(
         request.position, request.linear_velocity, request.angular_velocity
     )
     learned = store.newest_parameters() or LearnedParameters.defaults(options.materials)
@@ -103,10 +103,10 @@ def suggest_from_store(
     if request.about:
         used |= set(learned.materials)
     # In the order of all known materials, so that pairs keep their names.
-    known = tuple(dict.fromkeys((*learned.materials, *options.materials, *asked)))
-    materials = tuple(name for name in known if name in used)
+    names = tuple(dict.fromkeys((*learned.materials, *options.materials, *asked)))
+    materials = tuple(name for name in names if name in used)
     posterior = learned.whole_posterior().extended(materials)
-    viewing = ViewingConditions.seen(observations, VIEW_MARGIN)
+    viewing = ViewingConditions.of_observations(observations, VIEW_MARGIN)
     return suggest(
         options,
         posterior,

@@ -102,7 +102,7 @@ def suggest(
 
     def judged(throws: list[Throw]) -> list[Suggestion]:
         """Judge throws, in their order."""
-        found: dict[int, Suggestion] = {}
+        suggestions: dict[int, Suggestion] = {}
         for part in expected_posteriors(
             throws, posterior, units, viewing, simulator, how, rng, cancelled=cancelled
         ):
@@ -111,14 +111,16 @@ def suggest(
             before = np.sqrt(np.diag(reduction.before)) * scales
             after = np.sqrt(reduction.variances) * scales
             for i, gain, left in zip(part.throws, gains, after, strict=True):
-                found[int(i)] = Suggestion(throws[i], float(gain), names, before, left)
-        return [found[i] for i in range(len(throws))]
+                suggestions[int(i)] = Suggestion(throws[i], float(gain), names, before, left)
+        return [suggestions[i] for i in range(len(throws))]
 
     families = _best(judged(options.draw(how.candidates, rng)), max(count, REFINED))
     for spread in REFINEMENTS:
         near = [best.throw.nearby(NEIGHBOURS, spread, rng) for best in families]
         each = [k for k, throws in enumerate(near) for _ in throws]
-        for k, tried in zip(each, judged([one for throws in near for one in throws]), strict=True):
+        for k, tried in zip(
+            each, judged([throw for throws in near for throw in throws]), strict=True
+        ):
             if tried.gain > families[k].gain:
                 families[k] = tried
     return _best(families, count)

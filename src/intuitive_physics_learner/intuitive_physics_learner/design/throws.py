@@ -62,7 +62,7 @@ class ThrowRanges:
             object.__setattr__(self, name, ends)
 
     @staticmethod
-    def seen(states: Sequence[ObjectState]) -> ThrowRanges:
+    def of_states(states: Sequence[ObjectState]) -> ThrowRanges:
         """Return the smallest ranges that hold all of some initial states, at least one."""
 
         def span(values: list[NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -148,13 +148,15 @@ class ViewingConditions:
     region: NDArray[np.float64]
 
     @staticmethod
-    def seen(observations: Sequence[Observation], margin: float = 0.0) -> ViewingConditions:
+    def of_observations(
+        observations: Sequence[Observation], margin: float = 0.0
+    ) -> ViewingConditions:
         """Return what observations, at least one, have in common."""
-        tracks = [(each, seen) for each in observations for seen in each.objects]
-        periods = np.concatenate([np.diff(seen.trajectory.times) for _, seen in tracks])
-        ends = [float(times_after_start(each, seen)[-1]) for each, seen in tracks]
+        tracks = [(each, track) for each in observations for track in each.objects]
+        periods = np.concatenate([np.diff(track.trajectory.times) for _, track in tracks])
+        ends = [float(times_after_start(each, track)[-1]) for each, track in tracks]
         period, duration = float(np.median(periods)), float(np.median(ends))
-        positions = np.concatenate([seen.trajectory.positions for _, seen in tracks])
+        positions = np.concatenate([track.trajectory.positions for _, track in tracks])
         low, high = positions.min(axis=0), positions.max(axis=0)
         around = margin * float((high - low).max())
         intervals = max(1, round(duration / period))
@@ -166,7 +168,7 @@ class ViewingConditions:
 
     def with_starts(self, options: ThrowOptions) -> ViewingConditions:
         """Return the same with all in view from where objects may be thrown."""
-        starts = [one.ranges.position for cast in options.casts for one in cast]
+        starts = [thrown.ranges.position for cast in options.casts for thrown in cast]
         return replace(
             self,
             region=np.stack(
@@ -213,11 +215,13 @@ class ThrowOptions:
     @property
     def materials(self) -> tuple[str, ...]:
         """Materials of the objects, then of the environment, each once."""
-        own = [thrown.object.material for cast in self.casts for thrown in cast]
-        return tuple(dict.fromkeys((*own, *self.environment.materials)))
+        materials = [thrown.object.material for cast in self.casts for thrown in cast]
+        return tuple(dict.fromkeys((*materials, *self.environment.materials)))
 
     @staticmethod
-    def seen(observations: Sequence[Observation], only: str | None = None) -> ThrowOptions:
+    def of_observations(
+        observations: Sequence[Observation], only: str | None = None
+    ) -> ThrowOptions:
         """Return what was thrown so far: the same objects from between the same initial states.
 
         Objects of one material and kind of shape count as the same one. What was seen together is
@@ -230,23 +234,28 @@ class ThrowOptions:
         tracks: dict[tuple[str, str], list[ObservedObject]] = {}
         for each in observations:
             newest[tuple(sorted(map(_kind, each.objects)))] = each
-            for seen in each.objects:
-                tracks.setdefault(_kind(seen), []).append(seen)
+            for track in each.objects:
+                tracks.setdefault(_kind(track), []).append(track)
         thrown = {kind: _thrown_as_seen(same) for kind, same in tracks.items()}
         casts = []
         for each in newest.values():
-            words = {word for one in each.objects for word in (one.object.id, one.object.material)}
+            words = {
+                word for track in each.objects for word in (track.object.id, track.object.material)
+            }
             if only is None or only in words:
                 cast = [
-                    ThrownObject(one.object, like.ranges, like.covariance, like.orientations)
-                    for one in each.objects
-                    for like in [thrown[_kind(one)]]
+                    ThrownObject(track.object, like.ranges, like.covariance, like.orientations)
+                    for track in each.objects
+                    for like in [thrown[_kind(track)]]
                 ]
                 casts.append(tuple(cast))
         if not casts:
-            known = sorted({one.object.material for same in tracks.values() for one in same})
+            materials = sorted(
+                {track.object.material for same in tracks.values() for track in same}
+            )
             raise InvalidInputError(
-                f"no object {only!r} was seen; expected an id, or a material: {', '.join(known)}"
+                f"no object {only!r} was seen; expected an id, or a material: "
+                f"{', '.join(materials)}"
             )
         return ThrowOptions(observations[-1].environment, tuple(casts))
 
@@ -261,14 +270,14 @@ class ThrowOptions:
         `position` (3, 2) m; `linear_velocity` (3, 2) m/s; `angular_velocity` (3, 2) rad/s.
         """
 
-        def moved(one: ThrownObject) -> ThrownObject:
-            own = one.ranges
+        def moved(thrown: ThrownObject) -> ThrownObject:
+            present = thrown.ranges
             ranges = ThrowRanges(
-                own.position if position is None else position,
-                own.linear_velocity if linear_velocity is None else linear_velocity,
-                own.angular_velocity if angular_velocity is None else angular_velocity,
+                present.position if position is None else position,
+                present.linear_velocity if linear_velocity is None else linear_velocity,
+                present.angular_velocity if angular_velocity is None else angular_velocity,
             )
-            return ThrownObject(one.object, ranges, one.covariance, one.orientations)
+            return ThrownObject(thrown.object, ranges, thrown.covariance, thrown.orientations)
 
         return ThrowOptions(self.environment, tuple(tuple(map(moved, cast)) for cast in self.casts))
 
@@ -278,7 +287,7 @@ class ThrowOptions:
         at_origin = [
             Scene(
                 self.environment,
-                tuple(one.object for one in cast),
+                tuple(thrown.object for thrown in cast),
                 tuple(ObjectState(np.zeros(3)) for _ in cast),
             )
             for cast in self.casts
@@ -292,16 +301,16 @@ class ThrowOptions:
         Latin hypercube sampling (McKay, Beckman and Conover 1979): of n candidates of a cast, one
         lies in each n-th part of every range.
         """
-        found: list[Throw] = []
+        accepted: list[Throw] = []
         for _ in range(ATTEMPTS):
             drawn = list(self._drawn(count, rng))
             wrong = overlapping([throw.scene for throw in drawn])
-            found += [one for one, bad in zip(drawn, wrong, strict=True) if not bad]
-            if len(found) >= count:
-                return found[:count]
+            accepted += [throw for throw, bad in zip(drawn, wrong, strict=True) if not bad]
+            if len(accepted) >= count:
+                return accepted[:count]
         raise InvalidInputError(
-            f"{len(found)} of {ATTEMPTS * count} throws begin without an overlap; expected ranges "
-            "in which objects are outside planes, boxes and one another"
+            f"{len(accepted)} of {ATTEMPTS * count} throws begin without an overlap; expected "
+            "ranges in which objects are outside planes, boxes and one another"
         )
 
     def _drawn(self, count: int, rng: np.random.Generator) -> Iterator[Throw]:
@@ -314,10 +323,10 @@ class ThrowOptions:
         for turn in range(count):
             k = turn % len(self.casts)
             cast, place = self.casts[k], places[k][turn // len(self.casts)].reshape(-1, 9)
-            turns = [rng.integers(len(one.orientations)) for one in cast]
+            turns = [rng.integers(len(thrown.orientations)) for thrown in cast]
             states = [
-                one.state(at, one.orientations[turned])
-                for one, at, turned in zip(cast, place, turns, strict=True)
+                thrown.state(at, thrown.orientations[turned])
+                for thrown, at, turned in zip(cast, place, turns, strict=True)
             ]
             yield Throw(self.environment, cast, tuple(states))
 
@@ -339,26 +348,26 @@ class Throw:
 
     def nearby(self, count: int, spread: float, rng: np.random.Generator) -> list[Throw]:
         """Return valid throws whose initial states differ a little, `count` of them at most."""
-        found = []
+        candidates = []
         for _ in range(count):
             states = []
-            for one, state in zip(self.cast, self.states, strict=True):
-                vector, widths = state.to_vector(), one.ranges.widths
-                values = np.concatenate([vector[0:3], vector[7:13]]) - one.ranges.lower
+            for thrown, state in zip(self.cast, self.states, strict=True):
+                vector, widths = state.to_vector(), thrown.ranges.widths
+                values = np.concatenate([vector[0:3], vector[7:13]]) - thrown.ranges.lower
                 place = np.divide(values, widths, out=np.zeros(9), where=widths > 0.0)
                 moved = place + spread * rng.standard_normal(9)
                 inside = np.clip(np.abs((moved + 1.0) % 2.0 - 1.0), 0.0, 1.0)
-                states.append(one.state(inside, state.orientation))
-            found.append(Throw(self.environment, self.cast, tuple(states)))
-        if not found:
+                states.append(thrown.state(inside, state.orientation))
+            candidates.append(Throw(self.environment, self.cast, tuple(states)))
+        if not candidates:
             return []
-        wrong = overlapping([throw.scene for throw in found])
-        return [throw for throw, bad in zip(found, wrong, strict=True) if not bad]
+        wrong = overlapping([throw.scene for throw in candidates])
+        return [throw for throw, bad in zip(candidates, wrong, strict=True) if not bad]
 
     @property
     def scene(self) -> Scene:
         """The world to simulate."""
-        return Scene(self.environment, tuple(one.object for one in self.cast), self.states)
+        return Scene(self.environment, tuple(thrown.object for thrown in self.cast), self.states)
 
     @property
     def widths(self) -> NDArray[np.float64]:
@@ -367,33 +376,33 @@ class Throw:
         Zero for orientations, which are not thrown for.
         """
         widths = np.zeros((len(self.cast), ERROR_SIZE))
-        for row, one in zip(widths, self.cast, strict=True):
-            row[[0, 1, 2, 6, 7, 8, 9, 10, 11]] = one.ranges.widths
+        for row, thrown in zip(widths, self.cast, strict=True):
+            row[[0, 1, 2, 6, 7, 8, 9, 10, 11]] = thrown.ranges.widths
         return widths
 
 
 def _detection_noise(observations: Sequence[Observation]) -> float:
     """Standard deviation in m of a detection on each axis, as detections state it, if there are."""
     variances = [
-        np.trace(seen.detections.covariances, axis1=1, axis2=2) / 3.0
+        np.trace(track.detections.covariances, axis1=1, axis2=2) / 3.0
         for each in observations
-        for seen in each.objects
-        if seen.detections is not None
+        for track in each.objects
+        if track.detections is not None
     ]
     if not variances:
         return position_noise(observations)
     return max(float(np.sqrt(np.median(np.concatenate(variances)))), SMALLEST_NOISE)
 
 
-def _kind(seen: ObservedObject) -> tuple[str, str]:
-    return seen.object.material, type(seen.object.shape).__name__
+def _kind(track: ObservedObject) -> tuple[str, str]:
+    return track.object.material, type(track.object.shape).__name__
 
 
 def _thrown_as_seen(tracks: Sequence[ObservedObject]) -> ThrownObject:
-    states = [seen.initial_state for seen in tracks]
+    states = [track.initial_state for track in tracks]
     return ThrownObject(
         tracks[-1].object,
-        ThrowRanges.seen(states),
+        ThrowRanges.of_states(states),
         np.mean([state.covariance for state in states], axis=0),
         np.array([state.orientation for state in states]),
     )

@@ -213,13 +213,13 @@ class CostDescent:
     def _linearised(self) -> list[Linearisation]:
         widths = np.full(self._space.size, self._width)
         steps = ParameterSteps(self.unit, widths, self._groups, self._space.to_parameters)
-        found = []
+        linear = []
         for block in self._blocks:
             still = np.zeros((block.members.size, 0))
             self.simulations += block.members.size * (1 + 2 * block.parameters.shape[1])
             until = block.durations
-            found.append(linearise(self._cost, block, still, still, steps, until))
-        return found
+            linear.append(linearise(self._cost, block, still, still, steps, until))
+        return linear
 
     def _by_trajectory(self, block: ObservationBlock, linear: Linearisation) -> Linearisation:
         """Weigh every trajectory as J does, whatever its number of points."""

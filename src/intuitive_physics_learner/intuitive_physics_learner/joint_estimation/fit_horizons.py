@@ -140,8 +140,8 @@ class TrajectoryFits:
     def load_state(self, state: Mapping[str, Any]) -> None:
         """Restore what `state` returned."""
         for name, values in state.items():
-            own = getattr(self, name)
-            setattr(self, name, np.array(values, dtype=own.dtype).reshape(own.shape))
+            array = getattr(self, name)
+            setattr(self, name, np.array(values, dtype=array.dtype).reshape(array.shape))
 
 
 def first_horizons(block: ObservationBlock) -> NDArray[np.float64]:
@@ -239,7 +239,7 @@ def lengths_beyond(
     beyond = (block.times > horizons[:, None]) & (block.times <= ends[:, None])
     lengths = np.linalg.norm(block.whitened(residuals), axis=2)
     lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
-    found, times = np.full((2, len(horizons)), np.nan)
+    distances, times = np.full((2, len(horizons)), np.nan)
     for row in np.flatnonzero(beyond.any(axis=1)):
         inside = np.flatnonzero(beyond[row])
         inside = inside[np.argsort(block.times[row, inside], kind="stable")]
@@ -248,5 +248,5 @@ def lengths_beyond(
             np.lib.stride_tricks.sliding_window_view(lengths[row, inside], window), axis=1
         )
         worst = int(np.argmax(medians))
-        found[row], times[row] = medians[worst], block.times[row, inside[worst]]
-    return found, times
+        distances[row], times[row] = medians[worst], block.times[row, inside[worst]]
+    return distances, times

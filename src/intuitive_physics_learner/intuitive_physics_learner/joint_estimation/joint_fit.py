@@ -176,11 +176,11 @@ class JointFit:
 
     def likelihoods(self, *, look_for_spins: bool = False) -> list[LocalLikelihood]:
         """Return the likelihood of θ_s near the estimate, of each observation."""
-        found = local_likelihoods(self._model, self._estimate)
+        likelihoods = local_likelihoods(self._model, self._estimate)
         if look_for_spins:
             for member, spins in self._other_spins().items():
-                found[member] = replace(found[member], spins=spins)
-        return found
+                likelihoods[member] = replace(likelihoods[member], spins=spins)
+        return likelihoods
 
     def spin_evidence(self) -> SpinEvidence:
         """Return what all observations say of how balls are thrown.
@@ -198,12 +198,12 @@ class JointFit:
 
     def observation_fits(self) -> list[ObservationFit]:
         """Return what was found for each observation."""
-        found = {
+        fits = {
             int(member): ObservationFit(part.estimate[k], part.deviations[k], part.horizons[k])
             for block, part in zip(self._model.blocks, self._estimate.fits, strict=True)
             for k, member in enumerate(block.members)
         }
-        return [found[member] for member in range(len(found))]
+        return [fits[member] for member in range(len(fits))]
 
     def lengths_beyond(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return how far observations are from the fit just beyond their horizons.
@@ -213,7 +213,7 @@ class JointFit:
         """
         model = self._model
         here = [model.space.to_parameters(self.unit)]
-        found = np.full((2, len(model.cost.observations)), np.nan)
+        beyond = np.full((2, len(model.cost.observations)), np.nan)
         for block, part in model.parts(self._estimate):
             residuals = residuals_at(
                 model.cost,
@@ -223,10 +223,10 @@ class JointFit:
                 np.zeros((1, 1), dtype=np.int64),
                 block.durations,
             )
-            found[:, block.members] = lengths_beyond(
+            beyond[:, block.members] = lengths_beyond(
                 block, residuals[0], part.horizons, self.settings.largest_advance
             )
-        return found[0], found[1]
+        return beyond[0], beyond[1]
 
     def begin_at(
         self,
@@ -243,11 +243,11 @@ class JointFit:
         self._estimate.deviations = deviations.copy()
         for block, part in zip(self._model.blocks, self._estimate.fits, strict=True):
             for k, member in enumerate(block.members):
-                found = fits[member]
-                if found is not None:
-                    part.estimate[k] = found.estimate
-                    part.deviations[k] = found.deviations
-                    part.horizons[k] = found.horizon
+                fit = fits[member]
+                if fit is not None:
+                    part.estimate[k] = fit.estimate
+                    part.deviations[k] = fit.deviations
+                    part.horizons[k] = fit.horizon
 
     def return_if_better(self, unit: NDArray[np.float64]) -> bool:
         """Go back to a θ_s where trajectories fit better from it, up to the present horizons.
@@ -258,9 +258,9 @@ class JointFit:
 
         `unit` (n,) θ_s on the unit cube. Returns whether it was better.
         """
-        here, found = self._held(self.unit, self.observation_fits())
-        nothing = [replace(one, estimate=0.0 * one.estimate) for one in found]
-        there, states = self._held(unit, found)
+        here, fits = self._held(self.unit, self.observation_fits())
+        nothing = [replace(fit, estimate=0.0 * fit.estimate) for fit in fits]
+        there, states = self._held(unit, fits)
         others, other_states = self._held(unit, nothing)
         fresh = others < there
         there = np.where(fresh, others, there)
@@ -277,7 +277,7 @@ class JointFit:
         """Fit initial states with θ_s held; return the loss (n_observations,) of each, and them."""
         model = self._model
         fit = self._held_fit(model.task, unit, fits)
-        losses = np.array([one.loss for one in fit.likelihoods()])
+        losses = np.array([likelihood.loss for likelihood in fit.likelihoods()])
         model.simulations += fit.simulations
         return losses, fit.observation_fits()
 
@@ -312,11 +312,11 @@ class JointFit:
         members = np.array(sorted(others))
         begun = [ObservationFit(others[m][0], fits[m].deviations, others[m][1]) for m in members]
         fit = self._held_fit(model.task.of(members), self.unit, begun, model.spins)
-        found = fit.likelihoods()
+        likelihoods = fit.likelihoods()
         explained = np.zeros(members.size, dtype=bool)
         for block, part in fit._model.parts(fit._estimate):
             explained[block.members] = part.misfits == 0
-        return {int(members[k]): found[k].spins for k in np.flatnonzero(explained)}
+        return {int(members[k]): likelihoods[k].spins for k in np.flatnonzero(explained)}
 
     def step(self) -> None:
         """Take a damped Gauss-Newton step in all unknowns, then move the fit horizons.
@@ -369,17 +369,18 @@ class JointFit:
         scores = self.prior.scores(self.unit)
         for part in eliminated:
             np.add.at(scores, part.parameters, part.scores)
-        found = agreement_weights(
+        all_weights = agreement_weights(
             eliminated,
             [each.weights for each in equations],
             posterior,
             -posterior.covariance @ scores,
             AGREEMENT_FREEDOM,
         )
-        for fits, weights in zip(self._estimate.fits, found, strict=True):
+        for fits, weights in zip(self._estimate.fits, all_weights, strict=True):
             fits.weights = weights
         return [
-            replace(each, weights=weights) for each, weights in zip(equations, found, strict=True)
+            replace(each, weights=weights)
+            for each, weights in zip(equations, all_weights, strict=True)
         ]
 
     def _note_responses(self, linear: Sequence[Linearisation]) -> None:
@@ -399,15 +400,15 @@ class JointFit:
         posterior, eliminated = self._model.posterior(equations)
         self._estimate.deviations = posterior.deviations
         goals, evidence = [], SpinEvidence()
-        for (block, part), slopes, own, left in zip(
+        for (block, part), slopes, equation, left in zip(
             self._model.parts(self._estimate), linear, equations, eliminated, strict=True
         ):
-            covariances = posterior.state_covariances(own, left)
+            covariances = posterior.state_covariances(equation, left)
             spins = self._model.spin_likelihoods(block, part, covariances)
-            for one, weight in zip(spins, part.weights, strict=True):
-                evidence.add_all(one, float(weight))
+            for likelihood, weight in zip(spins, part.weights, strict=True):
+                evidence.add_all(likelihood, float(weight))
             part.deviations = np.sqrt(np.einsum("wdd->wd", covariances))
-            spreads = posterior.spreads(slopes, own, left)
+            spreads = posterior.spreads(slopes, equation, left)
             goals.append(
                 advanced_horizons(
                     block, slopes, spreads, part.horizons, self.settings.largest_advance
@@ -433,10 +434,10 @@ class JointFit:
                 model.cost, block, trying, candidates, index[:, None], part.horizons
             )
             model.simulations += len(index) * block.members.size
-            own = part.losses(block, trying, residuals)
+            part_losses = part.losses(block, trying, residuals)
             for u in range(len(units)):
-                losses[u] += (part.weights * own[index == u].min(axis=0)).sum()
-            tried.append((trying, residuals, own))
+                losses[u] += (part.weights * part_losses[index == u].min(axis=0)).sum()
+            tried.append((trying, residuals, part_losses))
         best = int(np.argmin(losses))
         moved = np.abs(units[best] - self.unit) / self._estimate.deviations
         self._estimate.unit = units[best]
@@ -453,10 +454,10 @@ class JointFit:
     ) -> bool:
         """Take the best initial states among options; return whether any horizon moved."""
         advanced, misfits = False, 0
-        for (block, part), (trying, residuals, own), goal in zip(
+        for (block, part), (trying, residuals, losses), goal in zip(
             self._model.parts(self._estimate), tried, goals, strict=True
         ):
-            pick = options[np.argmin(own[options], axis=0)]
+            pick = options[np.argmin(losses[options], axis=0)]
             every = np.arange(block.members.size)
             part.estimate = trying[pick, every]
             moving, failing = part.advance(
@@ -470,10 +471,12 @@ class JointFit:
     def _leave_local_optima(self, linear: Sequence[Linearisation]) -> bool:
         """Move parameters to where on their range they fit better; return whether any moved."""
         places = SCAN_LEVELS
-        rises, found = self._model.scanned(self._estimate, linear, places)
+        rises, state_estimates = self._model.scanned(self._estimate, linear, places)
         levels = np.argmin(rises, axis=1)
         moves = compatible_moves(-rises.min(axis=1), self._model.task.influence, SMALLEST_SCAN_GAIN)
-        for (block, part), estimates in zip(self._model.parts(self._estimate), found, strict=True):
+        for (block, part), estimates in zip(
+            self._model.parts(self._estimate), state_estimates, strict=True
+        ):
             for parameter in moves:
                 rows, columns = np.nonzero(block.parameters == parameter)
                 part.estimate[rows] = estimates[columns, levels[parameter], rows]
@@ -516,9 +519,9 @@ def proposals(
         step = bounded_step(unit, information, scores, own_damping)
         step = np.clip(step, -LARGEST_MOVE, LARGEST_MOVE)
         units.append(unit + step)
-        for own, each in zip(states, eliminated, strict=True):
-            own.append(own[0] + each.state_steps(step))
-    return np.array(units), [np.array(own) for own in states]
+        for block_states, each in zip(states, eliminated, strict=True):
+            block_states.append(block_states[0] + each.state_steps(step))
+    return np.array(units), [np.array(block_states) for block_states in states]
 
 
 def _clipped_damping(damping: float) -> float:

@@ -93,10 +93,10 @@ def joint_identifiability(
     intervals[~identified] = np.nan
     # Without the bounds, which the posterior of θ_s has by itself. What a user gave is as certain
     # as he says, whether the halves agree or not.
-    own = np.linalg.inv(posterior.covariance) - fit.prior.precision
+    likelihood = np.linalg.inv(posterior.covariance) - fit.prior.precision
     given = fit.prior.precision - UNIFORM_PRECISION * np.eye(factors.size)
     information = np.zeros((identified.size, identified.size))
-    information[np.ix_(active, active)] = widened_information(own, factors, agreed) + given
+    information[np.ix_(active, active)] = widened_information(likelihood, factors, agreed) + given
     return Identifiability(
         responsive,
         identified,
@@ -194,14 +194,14 @@ def _family_factors(
     ratios: NDArray[np.float64], families: Sequence[NDArray[np.int64]], weight: float
 ) -> NDArray[np.float64]:
     """Factors (n,) of at least one from ratios (n,), NaN where no half is informative."""
-    known = np.isfinite(ratios)
+    finite = np.isfinite(ratios)
     factors = np.ones(ratios.size)
-    if not known.any():
+    if not finite.any():
         return factors
-    typical = max(float(np.median(ratios[known])) / NORMAL_MEDIAN, 1.0)
+    typical = max(float(np.median(ratios[finite])) / NORMAL_MEDIAN, 1.0)
     for family in families:
-        own = ratios[family][known[family]]
-        square = (np.sum(own**2) + weight * typical**2) / (own.size + weight)
+        family_ratios = ratios[family][finite[family]]
+        square = (np.sum(family_ratios**2) + weight * typical**2) / (family_ratios.size + weight)
         factors[family] = max(np.sqrt(square), 1.0)
     return factors
 
@@ -232,7 +232,9 @@ def _agreed(
 def _families(names: list[str]) -> list[NDArray[np.int64]]:
     """Parameters of one pair belong together, and the densities."""
     of_pair = [name.partition("[")[2] if "," in name else "density" for name in names]
-    return [np.flatnonzero([own == family for own in of_pair]) for family in dict.fromkeys(of_pair)]
+    return [
+        np.flatnonzero([pair == family for pair in of_pair]) for family in dict.fromkeys(of_pair)
+    ]
 
 
 def _intervals(

@@ -50,23 +50,27 @@ def local_likelihoods(model: TrajectoryModel, estimate: Estimate) -> list[LocalL
     Each is that of its own observation alone: the weights with which a fit counts them are left
     out.
     """
-    found: dict[int, LocalLikelihood] = {}
+    likelihoods: dict[int, LocalLikelihood] = {}
     linear = model.linearised(estimate)
     equations = model.equations(estimate, linear)
     posterior, together = model.posterior(equations)
-    for (block, part), slopes, own, left in zip(
+    for (block, part), slopes, block_equations, left in zip(
         model.parts(estimate), linear, equations, together, strict=True
     ):
-        spins = model.spin_likelihoods(block, part, posterior.state_covariances(own, left))
-        eliminated = replace(own, weights=np.ones_like(own.weights)).eliminated()
+        spins = model.spin_likelihoods(
+            block, part, posterior.state_covariances(block_equations, left)
+        )
+        eliminated = replace(
+            block_equations, weights=np.ones_like(block_equations.weights)
+        ).eliminated()
         present = part.estimate[None], slopes.residuals[None]
         losses = part.losses(block, *present)[0]
-        d = own.state_size
+        d = block_equations.state_size
         scale = block.prior_deviations
-        inner = own.hessian[:, :d, :d] * scale[:, :, None] * scale[:, None, :]
+        inner = block_equations.hessian[:, :d, :d] * scale[:, :, None] * scale[:, None, :]
         losses = losses + 0.5 * np.linalg.slogdet(inner)[1]
         for row, member in enumerate(block.members):
-            found[int(member)] = LocalLikelihood(
+            likelihoods[int(member)] = LocalLikelihood(
                 block.parameters[row],
                 estimate.unit[block.parameters[row]],
                 eliminated.information[row],
@@ -74,4 +78,4 @@ def local_likelihoods(model: TrajectoryModel, estimate: Estimate) -> list[LocalL
                 float(losses[row]),
                 spins[row],
             )
-    return [found[member] for member in range(len(found))]
+    return [likelihoods[member] for member in range(len(likelihoods))]

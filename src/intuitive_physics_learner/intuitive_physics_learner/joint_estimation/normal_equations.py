@@ -96,8 +96,8 @@ class NormalEquations:
         diagonal = np.arange(d)
         hessian[:, diagonal, diagonal] += precision
         gradient[:, :d] += precision * estimate
-        own = np.ones(count) if weights is None else weights
-        return NormalEquations(block.parameters, d, hessian, gradient, own)
+        weights = np.ones(count) if weights is None else weights
+        return NormalEquations(block.parameters, d, hessian, gradient, weights)
 
     def with_common(self, index: NDArray[np.int64], first: int) -> NormalEquations:
         """Return the equations with shared errors as parameters that observations have in common.
@@ -167,8 +167,8 @@ class Elimination:
 
         `parameter_steps` (n,) widths, of all parameters.
         """
-        own = parameter_steps[self.parameters][..., None]
-        return -self.offsets - (self.gains @ own)[..., 0]
+        steps = parameter_steps[self.parameters][..., None]
+        return -self.offsets - (self.gains @ steps)[..., 0]
 
 
 NEGLIGIBLE = 1e-7
@@ -202,9 +202,9 @@ def agreement_weights(
     squares, ranks = [], []
     for part, weight in zip(eliminations, weights, strict=True):
         rows, columns = part.parameters[:, :, None], part.parameters[:, None, :]
-        own = posterior.covariance[rows, columns]
-        left = np.linalg.inv(np.eye(own.shape[1]) - own @ part.information)
-        without = left @ own
+        covariance = posterior.covariance[rows, columns]
+        left = np.linalg.inv(np.eye(covariance.shape[1]) - covariance @ part.information)
+        without = left @ covariance
         moved = left @ step[part.parameters][..., None] + without @ part.scores[..., None]
         information = part.information / weight[:, None, None]
         scores = part.scores / weight[:, None] + (information @ moved)[..., 0]
@@ -278,8 +278,8 @@ class Posterior:
         self, equations: NormalEquations, eliminated: Elimination
     ) -> NDArray[np.float64]:
         """Covariance (W, d, d) of a block's initial states, in SI units, whatever θ_s is."""
-        own = self._own_covariance(eliminated)
-        by_parameters = eliminated.gains @ own @ eliminated.gains.swapaxes(1, 2)
+        covariance = self._own_covariance(eliminated)
+        by_parameters = eliminated.gains @ covariance @ eliminated.gains.swapaxes(1, 2)
         return _state_covariance(equations) + by_parameters
 
     def spreads(
@@ -292,8 +292,8 @@ class Posterior:
         by_state = slopes[:, :d]
         by_parameter = slopes[:, d:] - eliminated.gains.transpose(0, 2, 1) @ by_state
         variances = ((_state_covariance(equations) @ by_state) * by_state).sum(axis=1)
-        own = self._own_covariance(eliminated)
-        variances += ((own @ by_parameter) * by_parameter).sum(axis=1)
+        covariance = self._own_covariance(eliminated)
+        variances += ((covariance @ by_parameter) * by_parameter).sum(axis=1)
         return np.sqrt(variances.reshape(count, points, 3).sum(axis=2))
 
     def _own_covariance(self, eliminated: Elimination) -> NDArray[np.float64]:

@@ -42,16 +42,16 @@ class InitialStateDeviations:
     def of(observation: Observation, free: bool = True) -> InitialStateDeviations:
         """Read them from the diagonals of the initial states' covariances."""
         axes, deviations = [], []
-        for j, seen in enumerate(observation.objects):
-            spread = np.sqrt(np.diag(seen.initial_state.covariance))
+        for j, track in enumerate(observation.objects):
+            spread = np.sqrt(np.diag(track.initial_state.covariance))
             spread[POSITION] *= PRIOR_WIDENING
             spread[LINEAR_VELOCITY] *= PRIOR_WIDENING
-            if isinstance(seen.object.shape, Sphere):
+            if isinstance(track.object.shape, Sphere):
                 spread[ROTATION] = 0.0
             spread *= free
             axes += [(j, int(k)) for k in np.flatnonzero(spread)]
             deviations += spread[spread > 0.0].tolist()
-        observed = np.array([seen.initial_state.to_vector() for seen in observation.objects])
+        observed = np.array([track.initial_state.to_vector() for track in observation.objects])
         return InitialStateDeviations(observed, tuple(axes), np.array(deviations))
 
 
@@ -91,20 +91,20 @@ class InitialStates:
         follows the first d is not of the initial states. Returns (W, n, objects, 13) in SI units.
         """
         count, each = deviations.shape[:2]
-        own = self.observed.shape[1]
-        errors = np.zeros((count, each, own * 12))
+        width = self.observed.shape[1]
+        errors = np.zeros((count, each, width * 12))
         rows = np.arange(count)[:, None, None], np.arange(each)[:, None]
         own_deviations = deviations[..., : self.components.shape[1]]
         errors[rows[0], rows[1], self.components[:, None]] = own_deviations
-        errors = errors.reshape(count, each, own, 12)
+        errors = errors.reshape(count, each, width, 12)
         states = resting(count, each, objects)
-        states[:, :, :own] = self.observed[:, None]
-        states[:, :, :own, 0:3] += errors[..., 0:3]
+        states[:, :, :width] = self.observed[:, None]
+        states[:, :, :width, 0:3] += errors[..., 0:3]
         if self.turns:
-            states[:, :, :own, 3:7] = rotate_quaternions(
+            states[:, :, :width, 3:7] = rotate_quaternions(
                 self.observed[:, None, :, 3:7], errors[..., 3:6]
             )
-        states[:, :, :own, 7:13] += errors[..., 6:12]
+        states[:, :, :width, 7:13] += errors[..., 6:12]
         return states
 
 
@@ -197,17 +197,19 @@ def observation_blocks(
     `influence` (n_observations, n_parameters) bool, which observation can depend on which
     parameter.
     """
-    initial_states = [InitialStateDeviations.of(seen, free_states) for seen in observations]
+    initial_states = [
+        InitialStateDeviations.of(observation, free_states) for observation in observations
+    ]
     noises = track_noises(observations)
     materials = observation_materials(observations)
     points = [
-        _ObservedPoints.of(seen, noise, materials, free_states)
-        for seen, noise in zip(observations, noises, strict=True)
+        _ObservedPoints.of(observation, noise, materials, free_states)
+        for observation, noise in zip(observations, noises, strict=True)
     ]
     groups: dict[tuple[int, int, int, int], list[int]] = {}
-    for i, seen in enumerate(points):
-        axes, size = len(initial_states[i].axes), seen.times.size.bit_length()
-        key = (axes, int(influence[i].sum()), size, len(seen.shared))
+    for i, observation in enumerate(points):
+        axes, size = len(initial_states[i].axes), observation.times.size.bit_length()
+        key = (axes, int(influence[i].sum()), size, len(observation.shared))
         groups.setdefault(key, []).append(i)
     return [_block(groups[key], initial_states, influence, points) for key in sorted(groups)]
 
@@ -237,18 +239,18 @@ class _ObservedPoints:
         free: bool,
     ) -> _ObservedPoints:
         """Put together the points of all objects; `free` is whether shared errors are unknowns."""
-        times = [times_after_start(observation, seen) for seen in observation.objects]
+        times = [times_after_start(observation, track) for track in observation.objects]
         counted = [each >= 0.0 for each in times]
-        owners = np.repeat(np.arange(len(times)), [int(own.sum()) for own in counted])
+        owners = np.repeat(np.arange(len(times)), [int(mask.sum()) for mask in counted])
         shared, index = [], []
-        for j, (seen, noise) in enumerate(zip(observation.objects, noises, strict=True)):
+        for j, (track, noise) in enumerate(zip(observation.objects, noises, strict=True)):
             for axis in np.flatnonzero(noise.shared.any(axis=1)) if free else ():
                 shared.append((owners == j)[:, None] * noise.shared[axis])
-                index.append(3 * materials.index(seen.object.material) + int(axis))
+                index.append(3 * materials.index(track.object.material) + int(axis))
         return _ObservedPoints(
-            np.concatenate([each[own] for each, own in zip(times, counted, strict=True)]),
+            np.concatenate([each[mask] for each, mask in zip(times, counted, strict=True)]),
             np.concatenate(
-                [noise.whitening[own] for noise, own in zip(noises, counted, strict=True)]
+                [noise.whitening[mask] for noise, mask in zip(noises, counted, strict=True)]
             ),
             np.array(shared).reshape(-1, owners.size, 3),
             np.array(index, dtype=np.int64),

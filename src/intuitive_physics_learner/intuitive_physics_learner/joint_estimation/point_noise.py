@@ -54,10 +54,10 @@ def detected(observation: Observation) -> Observation:
     Objects without detections keep their trajectory.
     """
     objects = tuple(
-        replace(seen, trajectory=Trajectory(seen.detections.times, seen.detections.positions))
-        if seen.detections is not None
-        else seen
-        for seen in observation.objects
+        replace(track, trajectory=Trajectory(track.detections.times, track.detections.positions))
+        if track.detections is not None
+        else track
+        for track in observation.objects
     )
     return replace(observation, objects=objects)
 
@@ -79,13 +79,13 @@ class TrackNoise:
 
 def track_noises(observations: Sequence[Observation]) -> list[list[TrackNoise]]:
     """Find the noise of each object of each observation."""
-    tracks = [seen for observation in observations for seen in observation.objects]
-    units = [_unit_whitening(seen) for seen in tracks]
-    lengths = [_difference_lengths(seen, unit) for seen, unit in zip(tracks, units, strict=True)]
+    tracks = [track for observation in observations for track in observation.objects]
+    units = [_unit_whitening(track) for track in tracks]
+    lengths = [_difference_lengths(track, unit) for track, unit in zip(tracks, units, strict=True)]
     variances = _track_variances(tracks, lengths, POOLED_DIFFERENCES)
     noises = iter(
-        _track_noise(seen, unit, variance, SMALLEST_NOISE)
-        for seen, unit, variance in zip(tracks, units, variances, strict=True)
+        _track_noise(track, unit, variance, SMALLEST_NOISE)
+        for track, unit, variance in zip(tracks, units, variances, strict=True)
     )
     return [[next(noises) for _ in observation.objects] for observation in observations]
 
@@ -93,9 +93,9 @@ def track_noises(observations: Sequence[Observation]) -> list[list[TrackNoise]]:
 def position_noise(observations: Sequence[Observation]) -> float:
     """Estimate the standard deviation in m of an observed position on each axis, one for all."""
     lengths = [
-        _difference_lengths(seen, np.broadcast_to(np.eye(3), (len(seen.trajectory.times), 3, 3)))
+        _difference_lengths(track, np.broadcast_to(np.eye(3), (len(track.trajectory.times), 3, 3)))
         for observation in observations
-        for seen in observation.objects
+        for track in observation.objects
     ]
     pooled = np.concatenate(lengths)
     if pooled.size == 0:
@@ -103,29 +103,29 @@ def position_noise(observations: Sequence[Observation]) -> float:
     return max(float(np.median(pooled)) / MEDIAN_LENGTH_3, SMALLEST_NOISE)
 
 
-def _detections_of(seen: ObservedObject) -> Detections | None:
+def _detections_of(track: ObservedObject) -> Detections | None:
     """Return the detections where the trajectory is made of them, as by `detected`."""
-    found = seen.detections
-    if found is None or not np.array_equal(found.times, seen.trajectory.times):
+    detections = track.detections
+    if detections is None or not np.array_equal(detections.times, track.trajectory.times):
         return None
-    return found
+    return detections
 
 
-def _unit_whitening(seen: ObservedObject) -> NDArray[np.float64]:
+def _unit_whitening(track: ObservedObject) -> NDArray[np.float64]:
     """Whitening (n, 3, 3) by the covariances of the detections; the identity where there are none.
 
     With C = L Lᵀ it is L⁻¹.
     """
-    count = len(seen.trajectory.times)
-    found = _detections_of(seen)
-    if found is None:
+    count = len(track.trajectory.times)
+    detections = _detections_of(track)
+    if detections is None:
         return np.broadcast_to(np.eye(3), (count, 3, 3))
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(found.covariances)))
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(detections.covariances)))
 
 
-def _differences(seen: ObservedObject) -> NDArray[np.float64]:
+def _differences(track: ObservedObject) -> NDArray[np.float64]:
     """Third differences (n - 3, 3) in m, normed so that they have the variance of the noise."""
-    times, positions = seen.trajectory.times, seen.trajectory.positions
+    times, positions = track.trajectory.times, track.trajectory.positions
     if times.size < 4:
         return np.empty((0, 3))
     windows = np.lib.stride_tricks.sliding_window_view(times, 4)
@@ -136,9 +136,9 @@ def _differences(seen: ObservedObject) -> NDArray[np.float64]:
     return np.asarray(np.einsum("nk,nik->ni", weights, near))
 
 
-def _is_smoothed(seen: ObservedObject) -> bool:
+def _is_smoothed(track: ObservedObject) -> bool:
     """Whether signs of differences are nearer to those of a smooth curve than to white noise's."""
-    signs = np.sign(_differences(seen))
+    signs = np.sign(_differences(track))
     if len(signs) < 2:
         return False
     same = float(np.mean(signs[1:] * signs[:-1] > 0.0))
@@ -146,10 +146,10 @@ def _is_smoothed(seen: ObservedObject) -> bool:
 
 
 def _difference_lengths(
-    seen: ObservedObject, whitening: NDArray[np.float64]
+    track: ObservedObject, whitening: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Lengths (n - 3,) of third differences, in the inverse unit of the whitening (n, 3, 3)."""
-    differences = _differences(seen)
+    differences = _differences(track)
     # Neighbours are seen alike, so the covariance of one stands for all four.
     middle = whitening[1 : len(differences) + 1]
     return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", middle, differences), axis=1))
@@ -160,11 +160,11 @@ def _track_variances(
 ) -> NDArray[np.float64]:
     """Variance (n_tracks,) of whitened errors; NaN where no track of that kind has differences."""
     variances = np.full(len(tracks), np.nan)
-    has_detections = np.array([_detections_of(seen) is not None for seen in tracks])
+    has_detections = np.array([_detections_of(track) is not None for track in tracks])
     for kind in (False, True):
         members = np.flatnonzero(has_detections == kind).tolist()
-        own = [lengths[i] for i in members]
-        together = np.concatenate([*own, np.empty(0)])
+        kind_lengths = [lengths[i] for i in members]
+        together = np.concatenate([*kind_lengths, np.empty(0)])
         if together.size == 0:
             continue
         common = (float(np.median(together)) / MEDIAN_LENGTH_3) ** 2
@@ -176,16 +176,16 @@ def _track_variances(
 
 
 def _track_noise(
-    seen: ObservedObject, unit: NDArray[np.float64], variance: float, smallest: float
+    track: ObservedObject, unit: NDArray[np.float64], variance: float, smallest: float
 ) -> TrackNoise:
-    found = _detections_of(seen)
-    if found is None:
-        state = np.trace(seen.initial_state.covariance[POSITION, POSITION]) / 3.0
-        smoothed = state if _is_smoothed(seen) else 0.0
+    detections = _detections_of(track)
+    if detections is None:
+        state = np.trace(track.initial_state.covariance[POSITION, POSITION]) / 3.0
+        smoothed = state if _is_smoothed(track) else 0.0
         length = np.sqrt(np.nanmax([variance, smoothed, smallest**2]))
         return TrackNoise(unit / length, np.zeros((3, 3)))
     factor = np.sqrt(1.0 if np.isnan(variance) else variance)
-    values, axes = np.linalg.eigh(found.bias)
+    values, axes = np.linalg.eigh(detections.bias)
     shared = (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
     # No component of an error is smaller than the smallest noise.
     left, scales, right = np.linalg.svd(unit / max(factor, np.finfo(float).tiny))

@@ -76,9 +76,9 @@ class StagedFit:
         self.steps = 0
         self._separate = []
         for members in groups:
-            own = np.flatnonzero(task.influence[members].any(axis=0))
-            fit = JointFit(task.part(members, own), settings)
-            self._separate.append(SeparateFit(members, own, fit))
+            parameters = np.flatnonzero(task.influence[members].any(axis=0))
+            fit = JointFit(task.part(members, parameters), settings)
+            self._separate.append(SeparateFit(members, parameters, fit))
 
     @property
     def settled(self) -> bool:
@@ -109,8 +109,8 @@ class StagedFit:
         self.steps = state["staged_steps"]
         saved = state["separate"]
         self._separate = self._separate[: len(saved)]
-        for part, own in zip(self._separate, saved, strict=True):
-            part.fit.load_state(own)
+        for part, part_state in zip(self._separate, saved, strict=True):
+            part.fit.load_state(part_state)
 
     def _unfinished(self) -> list[SeparateFit]:
         most = SEPARATE_STEPS
@@ -118,15 +118,15 @@ class StagedFit:
 
     def _take_over(self) -> None:
         """Let the joint fit begin at what the separate ones have found."""
-        joint, found = self.joint, self.joint.observation_fits()
+        joint, fits = self.joint, self.joint.observation_fits()
         unit, deviations = joint.unit.copy(), joint.deviations.copy()
         for part in self._separate:
             unit[part.parameters] = part.fit.unit
             deviations[part.parameters] = part.fit.deviations
             joint.responsive[part.parameters] |= part.fit.responsive
-            for member, own in zip(part.members, part.fit.observation_fits(), strict=True):
-                found[member] = own
-        joint.begin_at(unit, deviations, found)
+            for member, fit in zip(part.members, part.fit.observation_fits(), strict=True):
+                fits[member] = fit
+        joint.begin_at(unit, deviations, fits)
         counts = [part.members.size for part in self._separate]
         joint.misfits = float(np.average([p.fit.misfits for p in self._separate], weights=counts))
 
@@ -140,7 +140,7 @@ def separable(
     arrays (n_members,) of indices of observations; none where all observations would be in one
     group, which a joint fit is of anyway.
     """
-    alone = np.array([len(seen.objects) == 1 for seen in observations])
+    alone = np.array([len(observation.objects) == 1 for observation in observations])
     lone = np.flatnonzero(alone & influence.any(axis=1))
     if not lone.size:
         return []

@@ -132,11 +132,11 @@ class TrajectoryModel:
         self.spins, self.blocks = spins, []
         for block in self._stated:
             deviations = block.prior_deviations.copy()
-            for own, member in zip(deviations, block.members, strict=True):
+            for state_deviations, member in zip(deviations, block.members, strict=True):
                 for spin in self._unknown_spins[int(member)]:
-                    known = spins.by_material.get(spin.material)
-                    if known is not None:
-                        own[spin.places] = max(spin.stated, known.deviation)
+                    spread = spins.by_material.get(spin.material)
+                    if spread is not None:
+                        state_deviations[spin.places] = max(spin.stated, spread.deviation)
             self.blocks.append(replace(block, prior_deviations=deviations))
 
     def other_spins(self, estimate: Estimate) -> dict[int, tuple[NDArray[np.float64], float]]:
@@ -182,14 +182,16 @@ class TrajectoryModel:
         """Take slopes over `widening` times the usual steps."""
         deviations = widening * estimate.deviations
         steps = ParameterSteps(estimate.unit, deviations, self._groups, self.space.to_parameters)
-        found = []
+        linear = []
         for block, part in self.parts(estimate):
             until = farthest_horizons(block, part.horizons, self.settings.largest_advance)
             unknowns = block.initial_states.components.shape[1] + block.parameters.shape[1]
             self.simulations += block.members.size * (1 + 2 * unknowns)
             state_deviations = widening * part.deviations
-            found.append(linearise(self.cost, block, part.estimate, state_deviations, steps, until))
-        return found
+            linear.append(
+                linearise(self.cost, block, part.estimate, state_deviations, steps, until)
+            )
+        return linear
 
     def equations(
         self, estimate: Estimate, linear: Sequence[Linearisation]
@@ -231,7 +233,7 @@ class TrajectoryModel:
 
         `levels` (n_levels,) places on the unit interval, or (n, n_levels) of each parameter.
         Returns `rises` (n, n_levels) change of the loss, without a unit, of the prior and of the
-        observations that each parameter influences; `found` (q, n_levels, W, d) of each block,
+        observations that each parameter influences; `fitted` (q, n_levels, W, d) of each block,
         deviations from the observed initial states, in SI units, fitted to the levels.
         """
         each = np.broadcast_to(levels, (estimate.unit.size, np.shape(levels)[-1]))
@@ -239,7 +241,7 @@ class TrajectoryModel:
         away = each - estimate.unit[:, None]
         rises = self.prior.scores(estimate.unit)[:, None] * away
         rises += 0.5 * np.diag(self.prior.precision)[:, None] * away**2
-        found = []
+        fitted = []
         for (block, part), slopes in zip(self.parts(estimate), linear, strict=True):
             states, residuals = scanned_states(self.cost, block, part, slopes, candidates)
             self.simulations += 2 * len(states) * block.members.size
@@ -249,8 +251,8 @@ class TrajectoryModel:
             there = part.losses(block, states, residuals) - here
             by_level = there.T.reshape(*block.parameters.shape, each.shape[1])
             np.add.at(rises, block.parameters, by_level)
-            found.append(states.reshape(parameters, each.shape[1], *part.estimate.shape))
-        return rises, found
+            fitted.append(states.reshape(parameters, each.shape[1], *part.estimate.shape))
+        return rises, fitted
 
     def curvature_posterior(self, estimate: Estimate) -> tuple[Posterior, NDArray[np.float64]]:
         """Return the posterior at an estimate, by the curvature of the loss on all sides.

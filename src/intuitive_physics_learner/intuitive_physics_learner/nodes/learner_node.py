@@ -60,7 +60,7 @@ from intuitive_physics_ros.result_codes import error_result, ok_result
 from intuitive_physics_ros.topics import STATIC_PARAMETERS
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
-LIMITS = frozenset(one.name for one in list_settings(InputLimits))
+LIMITS = frozenset(setting.name for setting in list_settings(InputLimits))
 """Names of the parameters that limit what is received and stored."""
 
 EXPORTS = "exports"
@@ -120,7 +120,8 @@ class LearnerNode(ManagedNode):
         self._searches.cancel("the node ends, so the search is cancelled")
         self._observations.stop(self.patience())
         stopped = [
-            one.stop(self.patience()) for one in (self._database, self._suggestions, self._searches)
+            worker.stop(self.patience())
+            for worker in (self._database, self._suggestions, self._searches)
         ]
         farewell([self._publisher])
         self._all_stopped = all(stopped)
@@ -223,7 +224,7 @@ class LearnerNode(ManagedNode):
                 return stored
 
     def _on_parameters_set(self, parameters: Sequence[RosParameter]) -> None:
-        names = {one.name for one in parameters}
+        names = {parameter.name for parameter in parameters}
         if names & LIMITS:
             use_limits_of({name: self.get_parameter(name).value for name in LIMITS})
         # The process that learns in the background begins with all of them.

@@ -103,7 +103,7 @@ class ObservationQueue:
         Where too many wait it is lost, which a `StorageError` says.
         """
         with self._changed:
-            points = sum(one.point_count for one in self._waiting)
+            points = sum(batch.point_count for batch in self._waiting)
             full = points + observation.point_count > LARGEST_QUEUE_POINTS
             if len(self._waiting) >= LARGEST_QUEUE or (self._waiting and full):
                 self._lost += 1
@@ -407,14 +407,14 @@ def folder_below(folder: str, top: Path) -> Path:
     A relative folder counts from `top`; an `InvalidInputError` says that it is not below.
     """
     try:
-        found = (top / Path(folder).expanduser()).resolve()
+        target = (top / Path(folder).expanduser()).resolve()
         with suppress(FileNotFoundError):
-            found.stat()  # resolving a loop of links is an error up to Python 3.12 only
-        below = found.is_relative_to(top.resolve())
+            target.stat()  # resolving a loop of links is an error up to Python 3.12 only
+        below = target.is_relative_to(top.resolve())
     except (OSError, RuntimeError, ValueError) as error:
         raise InvalidInputError(f"folder is {folder!r}, which leads nowhere: {error}") from None
     if not below:
         raise InvalidInputError(
             f"folder is {folder!r}; expected one below {top}, as the parameter export_folder says"
         )
-    return found
+    return target

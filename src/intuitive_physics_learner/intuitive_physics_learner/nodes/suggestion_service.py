@@ -69,12 +69,12 @@ class SuggestionService:
             asked = _request(request)
             began = time.monotonic()
             limit = self._node.get_parameter(TIME_LIMIT).value
-            found = await self._background.run(
+            suggestions = await self._background.run(
                 lambda stop: self._make(asked, stop),
                 time_limit=limit,
                 remedy=f"not all throws were judged; raise {TIME_LIMIT}",
             )
-            _fill(response, found)
+            _fill(response, suggestions)
             response.computation_time = time.monotonic() - began
             response.result = ok_result()
         except Exception as error:
@@ -114,18 +114,18 @@ def _range(numbers: Sequence[float], name: str) -> NDArray[np.float64] | None:
     return np.reshape(np.array(numbers), (3, 2)) if len(numbers) else None
 
 
-def _fill(response: Suggest.Response, found: Sequence[Suggestion]) -> None:
-    response.header.frame_id = found[0].throw.environment.frame_id
-    response.asked = list(found[0].asked)
-    response.standard_deviations = found[0].before.tolist()
+def _fill(response: Suggest.Response, suggestions: Sequence[Suggestion]) -> None:
+    response.header.frame_id = suggestions[0].throw.environment.frame_id
+    response.asked = list(suggestions[0].asked)
+    response.standard_deviations = suggestions[0].before.tolist()
     response.throws = [
         SuggestedThrow(
             objects=[
-                object_state_to_message(one.object, state)
-                for one, state in zip(each.throw.cast, each.throw.states, strict=True)
+                object_state_to_message(thrown.object, state)
+                for thrown, state in zip(each.throw.cast, each.throw.states, strict=True)
             ],
             information=each.gain,
             standard_deviations=each.after.tolist(),
         )
-        for each in found
+        for each in suggestions
     ]

@@ -85,7 +85,8 @@ class BackgroundLearning:
             "cores": cores,
             "limits": asdict(limits()),
             "options": {
-                one.name: getattr(options, one.name) for one in list_settings(OnlineOptions)
+                setting.name: getattr(options, setting.name)
+                for setting in list_settings(OnlineOptions)
             },
         }
         with self._lock:

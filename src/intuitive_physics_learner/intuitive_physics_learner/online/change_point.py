@@ -72,7 +72,7 @@ def chi_square_tail(value: float, degrees: int) -> float:
 
 
 def find_change(
-    known: Information,
+    information: Information,
     centre: NDArray[np.float64],
     recent: Sequence[tuple[LocalLikelihood, float]],
     families: Mapping[tuple[str, ...], NDArray[np.int64]],
@@ -88,7 +88,7 @@ def find_change(
     asked = max(len(recent) - fewest + 1, 0) * len(families)
     best: ChangePoint | None = None
     for length in range(fewest, len(recent) + 1):
-        before = known.copy()
+        before = information.copy()
         for likelihood, weight in recent[-length:]:
             before.add(likelihood, -weight)
         prior = before.prior(centre)
@@ -99,11 +99,11 @@ def find_change(
             earlier = counts[family] - sum(weight > 0.0 for _, weight in influenced)
             if min(len(influenced), earlier) < fewest:
                 continue
-            own = [likelihood for likelihood, _ in influenced]
-            probability = _agreed_probability(prior, own, members)
+            informing = [likelihood for likelihood, _ in influenced]
+            probability = _agreed_probability(prior, informing, members)
             if probability < min(
                 false_alarm_rate / asked, best.probability if best is not None else 1.0
-            ) and _agree(before, centre, own, members):
+            ) and _agree(before, centre, informing, members):
                 best = ChangePoint(family, length, probability)
     return best
 
@@ -117,10 +117,10 @@ def change_probability(
     """
     size = prior.mean.size
     information, scores = np.zeros((size, size)), np.zeros(size)
-    for one in likelihoods:
-        information[np.ix_(one.parameters, one.parameters)] += one.information
-        away = prior.mean[one.parameters] - one.estimate
-        scores[one.parameters] += one.scores + one.information @ away
+    for likelihood in likelihoods:
+        information[np.ix_(likelihood.parameters, likelihood.parameters)] += likelihood.information
+        away = prior.mean[likelihood.parameters] - likelihood.estimate
+        scores[likelihood.parameters] += likelihood.scores + likelihood.information @ away
     # (1 + L P)⁻¹ = P⁻¹ (P⁻¹ + L)⁻¹.
     solved = prior.precision @ np.linalg.solve(
         prior.precision + information, np.column_stack([information, scores])
@@ -137,7 +137,9 @@ def _agreed_probability(
 ) -> float:
     """The largest probability (of T) that is left without any one of the observations."""
     return max(
-        change_probability(prior, [one for one in likelihoods if one is not left_out], members)
+        change_probability(
+            prior, [likelihood for likelihood in likelihoods if likelihood is not left_out], members
+        )
         for left_out in likelihoods
     )
 
@@ -151,13 +153,15 @@ def _agree(
     """Whether most observations are as near to their common estimate as chance puts them."""
     after = before.copy()
     after.forget(members)
-    for one in likelihoods:
-        after.add(one)
+    for likelihood in likelihoods:
+        after.add(likelihood)
     common = after.prior(centre).mean
     probabilities = []
-    for one in likelihoods:
-        scores = one.scores + one.information @ (common[one.parameters] - one.estimate)
-        values, vectors = np.linalg.eigh(one.information)
+    for likelihood in likelihoods:
+        scores = likelihood.scores + likelihood.information @ (
+            common[likelihood.parameters] - likelihood.estimate
+        )
+        values, vectors = np.linalg.eigh(likelihood.information)
         informed = values > UNIFORM_PRECISION
         along = vectors[:, informed].T @ scores
         distance = float((along**2 / values[informed]).sum())

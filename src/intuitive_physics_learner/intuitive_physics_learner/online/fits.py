@@ -37,7 +37,7 @@ LARGEST_ADVANCE = 0.5
 what is known predicts farther; set by hand."""
 
 
-def log_evidence(task: FitTask, found: JointFit, horizons: Sequence[float]) -> float:
+def log_evidence(task: FitTask, solution: JointFit, horizons: Sequence[float]) -> float:
     """Return ln ∫ p(points up to horizons | θ_s) p(θ_s) dθ_s by Laplace's approximation.
 
     `horizons` in s, the last time of each observation that counts; evidences up to different ones
@@ -45,14 +45,15 @@ def log_evidence(task: FitTask, found: JointFit, horizons: Sequence[float]) -> f
     """
     prior = task.prior
     fit = JointFit(task, JointEstimationSettings().with_fixed_horizons())
-    fits = zip(found.observation_fits(), horizons, strict=True)
-    fit.begin_at(found.unit, prior.deviations, [replace(one, horizon=h) for one, h in fits])
+    fits = zip(solution.observation_fits(), horizons, strict=True)
+    begun = [replace(each, horizon=horizon) for each, horizon in fits]
+    fit.begin_at(solution.unit, prior.deviations, begun)
     for _ in range(SCORING_STEPS):
         fit.step()
     loss, precision = float(prior.losses(fit.unit[None])[0]), prior.precision.copy()
-    for one in fit.likelihoods():
-        precision[np.ix_(one.parameters, one.parameters)] += one.information
-        loss += one.loss
+    for likelihood in fit.likelihoods():
+        precision[np.ix_(likelihood.parameters, likelihood.parameters)] += likelihood.information
+        loss += likelihood.loss
     narrowed = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(prior.precision)[1]
     return -loss - 0.5 * float(narrowed)
 
@@ -108,14 +109,14 @@ class LoneFit:
         return self._fit.simulations
 
     @property
-    def found(self) -> ObservationFit:
+    def observation_fit(self) -> ObservationFit:
         """Initial states and fit horizon."""
         return self._fit.observation_fits()[0]
 
     def likelihood(self) -> LocalLikelihood:
         """Return the likelihood of all n parameters near the estimate."""
-        (found,) = self._fit.likelihoods(look_for_spins=True)
-        return replace(found, parameters=self._own[found.parameters])
+        (likelihood,) = self._fit.likelihoods(look_for_spins=True)
+        return replace(likelihood, parameters=self._own[likelihood.parameters])
 
     def log_evidence(self, horizon: float) -> float:
         """Return ln ∫ p(points up to a horizon | θ_s) p(θ_s) dθ_s by Laplace's approximation.

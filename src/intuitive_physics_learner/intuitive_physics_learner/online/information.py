@@ -56,10 +56,10 @@ class Information:
 
     def add(self, likelihood: LocalLikelihood, weight: float = 1.0) -> None:
         """Add what one observation says, times a weight."""
-        own = likelihood.parameters
-        self.matrix[np.ix_(own, own)] += weight * likelihood.information
+        parameters = likelihood.parameters
+        self.matrix[np.ix_(parameters, parameters)] += weight * likelihood.information
         pulls = likelihood.information @ likelihood.estimate - likelihood.scores
-        self.vector[own] += weight * pulls
+        self.vector[parameters] += weight * pulls
 
     def discount(self, factor: float) -> None:
         """Keep that part of what is known."""
@@ -77,9 +77,9 @@ class Information:
         `parameters` (k,) their indices.
         """
         rest = np.setdiff1d(np.arange(self.vector.size), parameters)
-        known = self.copy()
-        known.forget(rest)
-        return known
+        informed = self.copy()
+        informed.forget(rest)
+        return informed
 
     def forget(self, parameters: NDArray[np.int64]) -> None:
         """Let nothing be known of some parameters.
@@ -119,7 +119,7 @@ class Information:
 
 
 def jackknife_variances(
-    known: Information,
+    information: Information,
     centre: NDArray[np.float64],
     likelihoods: Sequence[LocalLikelihood],
     weights: NDArray[np.float64],
@@ -130,31 +130,34 @@ def jackknife_variances(
     observation whose linearisation may be wrong, this is the uncertainty without it. 0 for
     parameters that fewer than two of them depend on.
 
-    `centre` (n,) mean where nothing is known; `weights` (n_observations,) with which `known` has
-    them.
+    `centre` (n,) mean where nothing is known; `weights` (n_observations,) with which `information`
+    has them.
     """
-    prior = known.prior(centre)
+    prior = information.prior(centre)
     covariance = np.asarray(np.linalg.inv(prior.precision), dtype=np.float64)
     squares, counts = np.zeros(centre.size), np.zeros(centre.size)
-    for one, weight in zip(likelihoods, weights, strict=True):
-        mean, _ = _without(prior, covariance, one, weight)
-        squares[one.parameters] += (mean - prior.mean[one.parameters]) ** 2
-        counts[one.parameters] += 1.0
+    for likelihood, weight in zip(likelihoods, weights, strict=True):
+        mean, _ = _without(prior, covariance, likelihood, weight)
+        squares[likelihood.parameters] += (mean - prior.mean[likelihood.parameters]) ** 2
+        counts[likelihood.parameters] += 1.0
     return squares * np.maximum(counts - 1.0, 0.0) / np.maximum(counts, 1.0)
 
 
 def _without(
-    prior: GaussianPrior, covariance: NDArray[np.float64], one: LocalLikelihood, weight: float
+    prior: GaussianPrior,
+    covariance: NDArray[np.float64],
+    likelihood: LocalLikelihood,
+    weight: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mean (q,) and covariance (q, q) of an observation's parameters without its likelihood.
 
     `covariance` (n, n) of that, widths².
     """
-    own = one.parameters
-    precision = np.linalg.inv(covariance[np.ix_(own, own)])
-    rest = precision - weight * one.information
-    pulls = precision @ prior.mean[own]
-    pulls -= weight * (one.information @ one.estimate - one.scores)
+    parameters = likelihood.parameters
+    precision = np.linalg.inv(covariance[np.ix_(parameters, parameters)])
+    rest = precision - weight * likelihood.information
+    pulls = precision @ prior.mean[parameters]
+    pulls -= weight * (likelihood.information @ likelihood.estimate - likelihood.scores)
     values, vectors = np.linalg.eigh(0.5 * (rest + rest.T))
     # The bounds are always known.
     without = (vectors / np.maximum(values, UNIFORM_PRECISION)) @ vectors.T
@@ -162,7 +165,7 @@ def _without(
 
 
 def agreement_weights(
-    known: Information,
+    total: Information,
     centre: NDArray[np.float64],
     likelihoods: Sequence[LocalLikelihood],
     weights: NDArray[np.float64],
@@ -177,23 +180,23 @@ def agreement_weights(
 
         w = min(1, (ν + q) / (ν + d²)).
 
-    `centre` (n,) mean where nothing is known; `weights` (n_observations,) with which `known` has
+    `centre` (n,) mean where nothing is known; `weights` (n_observations,) with which `total` has
     them.
     """
-    prior = known.prior(centre)
+    prior = total.prior(centre)
     covariance = np.asarray(np.linalg.inv(prior.precision), dtype=np.float64)
-    found = []
-    for one, weight in zip(likelihoods, weights, strict=True):
-        information = one.information
-        mean, without = _without(prior, covariance, one, weight)
-        scores = one.scores + information @ (mean - one.estimate)
+    factors = []
+    for likelihood, weight in zip(likelihoods, weights, strict=True):
+        information = likelihood.information
+        mean, without = _without(prior, covariance, likelihood, weight)
+        scores = likelihood.scores + information @ (mean - likelihood.estimate)
         spread = information @ without @ information + information
         values, vectors = np.linalg.eigh(0.5 * (spread + spread.T))
         informed = values > UNIFORM_PRECISION
         along = vectors[:, informed].T @ scores
         distance = float((along**2 / values[informed]).sum())
-        found.append((freedom + informed.sum()) / (freedom + distance))
-    return np.minimum(found, 1.0)
+        factors.append((freedom + informed.sum()) / (freedom + distance))
+    return np.minimum(factors, 1.0)
 
 
 def encode_array(array: NDArray[np.float64]) -> dict[str, Any]:

@@ -142,10 +142,12 @@ class OnlineLearner:
         self.state = OnlineState.empty() if state is None else state
         self.simulations = 0
         self.problem = ""
-        self._observations = {one.id: one for one in observations}
+        self._observations = {observation.id: observation for observation in observations}
         self._assessments: list[Assessment] = []
         for name in ("window", "doubtful"):
-            there = [one for one in getattr(self.state, name) if one.id in self._observations]
+            there = [
+                member for member in getattr(self.state, name) if member.id in self._observations
+            ]
             setattr(self.state, name, there)
 
     def learn_from(self, observation: Observation) -> LearnedParameters:
@@ -171,17 +173,17 @@ class OnlineLearner:
         What is to be noted about single observations, doubtful ones and those taken back.
         """
         self._assessments = []
-        given = {seen.id for seen in observations}
+        given = {observation.id for observation in observations}
         # What a user gives back is looked at again.
-        doubtful = [one for one in self.state.doubtful if one.id not in given]
+        doubtful = [member for member in self.state.doubtful if member.id not in given]
         self.state.set_aside -= len(self.state.doubtful) - len(doubtful)
         self.state.processed -= len(self.state.doubtful) - len(doubtful)
         self.state.doubtful = doubtful
-        known = {one.id for one in (*self.state.window, *self.state.doubtful)}
-        for seen in observations:
-            if seen.id not in known:
-                self._process(seen)
-                known.add(seen.id)
+        kept = {member.id for member in (*self.state.window, *self.state.doubtful)}
+        for observation in observations:
+            if observation.id not in kept:
+                self._process(observation)
+                kept.add(observation.id)
         self._retry_doubtful()
         before = self.state.unit.copy(), self.state.prior.deviations**2
         self._fit_window(seconds_left)
@@ -208,15 +210,15 @@ class OnlineLearner:
         mean = posterior.mean
         # What is known of the others given the held values, which lie at the mean.
         factor = np.where(self.state.held, 0.0, posterior.factor)
-        known = Information.about(mean, factor.T @ factor)
+        information = Information.about(mean, factor.T @ factor)
         state.centre, state.unit = mean.copy(), mean.copy()
-        state.retired = known if informed else self.state.given()
+        state.retired = information if informed else self.state.given()
         state.posterior = state.retired.copy()
         state.window, state.doubtful = [], []
         state.retired_spins = SpinEvidence.about(
             whole.initial_spins if informed else InitialSpins()
         )
-        state.published_information = known.copy()
+        state.published_information = information.copy()
         state.score, state.compared = 0.0, 0
         state.moves[:], state.narrowings[:] = 0.0, 0.0
         self._drop_observations()
@@ -241,36 +243,37 @@ class OnlineLearner:
         influence = parameter_influence(observations, self.state.materials)
         return np.asarray(influence & ~self.state.held)
 
-    def _process(self, seen: Observation) -> None:
+    def _process(self, observation: Observation) -> None:
         """Predict an observation, then take it into the window or set it aside."""
         state = self.state
         state.processed += 1
-        self.state.know_materials(seen.materials)
-        self._forget_until(seen.start_time)
-        (influence,) = self._influence([seen])
+        self.state.know_materials(observation.materials)
+        self._forget_until(observation.start_time)
+        (influence,) = self._influence([observation])
         if not influence.any():
             return
         try:
-            cost = TrajectoryCost([detected(seen)], self._simulator, state.materials)
+            cost = TrajectoryCost([detected(observation)], self._simulator, state.materials)
             fit = self._lone_fit(cost, influence, self.state.prior)
             if fit.blocked:
                 fit = self._lone_fit(cost, influence, self.state.prior, careful=True)
         except UnsupportedSceneError as error:
-            self.problem = f"observation {seen.id} is passed over: {error}"
-            self._assessments.append(Assessment(seen.id, 0.0, str(error), DOUBTFUL))
+            self.problem = f"observation {observation.id} is passed over: {error}"
+            self._assessments.append(Assessment(observation.id, 0.0, str(error), DOUBTFUL))
             state.set_aside += 1
             return
-        self._observations[seen.id] = seen
+        self._observations[observation.id] = observation
         doubt = self._reason_for_doubt(cost, influence, fit)
         if doubt is None:
             self._score(cost, influence, fit)
-            state.window.append(self._member(seen, fit))
+            state.window.append(self._member(observation, fit))
         else:
             free, assessment = doubt
-            self._set_aside(self._member(seen, free), assessment)
+            self._set_aside(self._member(observation, free), assessment)
 
-    def _member(self, seen: Observation, fit: LoneFit) -> Member:
-        return Member(seen.id, self.state.processed, seen.start_time, fit.found, fit.likelihood())
+    def _member(self, observation: Observation, fit: LoneFit) -> Member:
+        number, stamp = self.state.processed, observation.start_time
+        return Member(observation.id, number, stamp, fit.observation_fit, fit.likelihood())
 
     def _lone_fit(
         self,
@@ -304,10 +307,10 @@ class OnlineLearner:
         state.explained = kept * state.explained + (0.0 if fit.blocked else 1.0)
         if not fit.blocked:
             return None
-        (seen,) = cost.observations
+        (observation,) = cost.observations
         nothing = Information.none(state.centre.size).prior(self.state.prior.mean)
         free = self._lone_fit(cost, influence, nothing, scans=FREE_SCANS)
-        horizon = max(free.found.horizon, fit.found.horizon)
+        horizon = max(free.observation_fit.horizon, fit.observation_fit.horizon)
         gain = free.log_evidence(horizon) - fit.log_evidence(horizon)
         if gain > CONFLICT:
             weight = float(np.exp(-min(gain, LARGEST_EXPONENT)))
@@ -315,13 +318,13 @@ class OnlineLearner:
                 f"contradicts what is known of its materials: e^{gain:.0f} times as likely with "
                 "other parameters"
             )
-            return free, Assessment(seen.id, weight, reason, DOUBTFUL)
+            return free, Assessment(observation.id, weight, reason, DOUBTFUL)
         if free.blocked and share > SMALLEST_EXPLAINED:
             reason = (
                 f"no parameters explain its motion after {horizon:.2f} s, as they do that of "
                 f"{100.0 * share:.0f} % of the last observations"
             )
-            return free, Assessment(seen.id, 1.0 - share, reason, DOUBTFUL)
+            return free, Assessment(observation.id, 1.0 - share, reason, DOUBTFUL)
         return None
 
     def _set_aside(self, member: Member, assessment: Assessment) -> None:
@@ -339,15 +342,15 @@ class OnlineLearner:
         member = state.doubtful[0]
         if member.number > state.processed - RECENT:
             return
-        seen = self._observations[member.id]
-        (influence,) = self._influence([seen])
-        cost = TrajectoryCost([detected(seen)], self._simulator, state.materials)
+        observation = self._observations[member.id]
+        (influence,) = self._influence([observation])
+        cost = TrajectoryCost([detected(observation)], self._simulator, state.materials)
         fit = self._lone_fit(cost, influence, self.state.prior)
         del state.doubtful[0]
         if fit.blocked:
             state.doubtful.append(member)
         else:
-            self._take_back(replace(member, fit=fit.found, likelihood=fit.likelihood()))
+            self._take_back(replace(member, fit=fit.observation_fit, likelihood=fit.likelihood()))
 
     def _take_back(self, member: Member) -> None:
         self.state.window.append(replace(member, weight=1.0))
@@ -361,7 +364,7 @@ class OnlineLearner:
             return
         published = state.published_information.prior(state.centre)
         other = self._lone_fit(cost, influence, published)
-        horizon = max(fit.found.horizon, other.found.horizon)
+        horizon = max(fit.observation_fit.horizon, other.observation_fit.horizon)
         gain = fit.log_evidence(horizon) - other.log_evidence(horizon)
         largest = LARGEST_SCORE
         vote = float(np.clip(gain, -largest, largest))
@@ -382,9 +385,9 @@ class OnlineLearner:
         if last is not None and self._options.time_constant > 0.0:
             factor = float(np.exp(-(state.time - last) / self._options.time_constant))
             given = self.state.given()
-            for known in (state.retired, state.posterior):
-                known.discount(factor)
-                known.join(given, 1.0 - factor)
+            for information in (state.retired, state.posterior):
+                information.discount(factor)
+                information.join(given, 1.0 - factor)
             state.retired_spins.discount(factor)
 
     def _age_weight(self, member: Member) -> float:
@@ -399,25 +402,25 @@ class OnlineLearner:
         self._retire()
         if not state.window:
             return
-        seen = [self._observations[one.id] for one in state.window]
-        influence = self._influence(seen)
+        observations = [self._observations[member.id] for member in state.window]
+        influence = self._influence(observations)
         active: NDArray[np.bool_] = np.asarray(influence.any(axis=0))
-        own = np.flatnonzero(active)
+        parameters = np.flatnonzero(active)
         prior = state.retired.prior(state.centre)
-        points = [detected(each) for each in seen]
+        points = [detected(each) for each in observations]
         cost = TrajectoryCost(points, self._simulator, state.materials)
         space = ActiveSpace(self.state.space, active, self.state.parameters)
-        task = FitTask(cost, space, influence[:, active], prior.marginal(own))
+        task = FitTask(cost, space, influence[:, active], prior.marginal(parameters))
         scans = (2,) if self._scans() else ()
-        deviations = self.state.prior.deviations[own]
+        deviations = self.state.prior.deviations[parameters]
         fit = window_fit(task, scans)
-        fit.begin_at(state.unit[own], deviations, [one.fit for one in state.window])
+        fit.begin_at(state.unit[parameters], deviations, [member.fit for member in state.window])
         run(fit, WINDOW_STEPS, seconds_left)
         if self._restarts():
             other = window_fit(task, RESTART_SCANS)
             run(other, RESTART_STEPS, seconds_left)
             fit = better_fit(task, fit, other)
-        self._take_over(fit, own, prior)
+        self._take_over(fit, parameters, prior)
         self.simulations += fit.simulations
 
     def _restarts(self) -> bool:
@@ -442,29 +445,31 @@ class OnlineLearner:
         full = len(self.state.window) >= self._options.window
         return not full or self.state.processed % SCAN_PERIOD == 0
 
-    def _take_over(self, fit: JointFit, own: NDArray[np.int64], prior: GaussianPrior) -> None:
+    def _take_over(
+        self, fit: JointFit, parameters: NDArray[np.int64], prior: GaussianPrior
+    ) -> None:
         state = self.state
         moved = np.zeros(state.unit.size, dtype=bool)
-        moved[own] = True
+        moved[parameters] = True
         # Parameters that the window does not depend on follow those that they correlate with.
         rest = np.flatnonzero(~moved)
-        across = prior.precision[np.ix_(rest, own)] @ (fit.unit - prior.mean[own])
+        across = prior.precision[np.ix_(rest, parameters)] @ (fit.unit - prior.mean[parameters])
         gains = np.linalg.solve(prior.precision[np.ix_(rest, rest)], across)
-        state.unit[own] = fit.unit
+        state.unit[parameters] = fit.unit
         state.unit[rest] = np.clip(prior.mean[rest] - gains, 0.0, 1.0)
         likelihoods = fit.likelihoods(look_for_spins=True)
-        for member, found, likelihood in zip(
+        for member, observation_fit, likelihood in zip(
             state.window, fit.observation_fits(), likelihoods, strict=True
         ):
-            member.fit = found
-            member.likelihood = replace(likelihood, parameters=own[likelihood.parameters])
+            member.fit = observation_fit
+            member.likelihood = replace(likelihood, parameters=parameters[likelihood.parameters])
         self._update_weights()
 
     def _update_weights(self) -> None:
         """Find the weights of the window's observations, and all that is known."""
         state = self.state
-        ages = np.array([self._age_weight(one) for one in state.window])
-        likelihoods = [one.likelihood for one in state.window]
+        ages = np.array([self._age_weight(member) for member in state.window])
+        likelihoods = [member.likelihood for member in state.window]
         weights = ages
         for _ in range(WEIGHING_ROUNDS):
             state.posterior = state.retired.copy()
@@ -486,21 +491,21 @@ class OnlineLearner:
                 np.linalg.inv(self.state.prior.precision), dtype=np.float64
             )
             newest = state.processed - RECENT
-            old = [one for one in state.window if one.number <= newest] or state.window[:1]
-            leaving = min(old, key=lambda one: self._worth(one, covariance))
+            old = [member for member in state.window if member.number <= newest] or state.window[:1]
+            leaving = min(old, key=lambda member: self._worth(member, covariance))
             self._retire_member(leaving)
 
     def _worth(self, member: Member, covariance: NDArray[np.float64]) -> float:
         """What an observation says of what is uncertain: tr(P Λ)."""
-        own = member.likelihood.parameters
-        part = covariance[np.ix_(own, own)]
+        parameters = member.likelihood.parameters
+        part = covariance[np.ix_(parameters, parameters)]
         return member.weight * float(np.sum(part * member.likelihood.information))
 
     def _retire_member(self, member: Member) -> None:
         state = self.state
         state.retired.add(member.likelihood, member.weight)
         state.retired_spins.add_all(member.likelihood.spins, member.weight)
-        state.window = [one for one in state.window if one is not member]
+        state.window = [each for each in state.window if each is not member]
 
     def _notice_change(self, seconds_left: Callable[[], float]) -> None:
         """Where parameters have changed, forget what was known of them and learn them again."""
@@ -512,9 +517,9 @@ class OnlineLearner:
         change = find_change(
             state.posterior,
             state.centre,
-            [(one.likelihood, one.weight) for one in kept],
+            [(member.likelihood, member.weight) for member in kept],
             families,
-            {family: self._count_of(own) for family, own in families.items()},
+            {family: self._count_of(members) for family, members in families.items()},
             self._options.false_alarm_rate,
             FEWEST_CHANGED,
         )
@@ -523,13 +528,13 @@ class OnlineLearner:
         state.changes.append((change, state.processed - change.length))
         del state.changes[:-LARGEST_CHANGE_COUNT]
         after = kept[-change.length :]
-        for member in [one for one in state.window if one not in after]:
+        for member in [member for member in state.window if member not in after]:
             self._retire_member(member)
         members = families[change.pair]
         state.retired.forget(members)
         state.retired.join(self.state.given().part(members))
         state.moves[members], state.narrowings[members] = 0.0, 0.0
-        for member in [one for one in state.doubtful if one in after]:
+        for member in [member for member in state.doubtful if member in after]:
             state.doubtful.remove(member)
             self._take_back(member)
         self._update_weights()
@@ -540,8 +545,9 @@ class OnlineLearner:
         """Number of observations that inform some parameters; retired ones are enough."""
         state = self.state
         retired = state.retired.matrix[np.ix_(parameters, parameters)].any()
-        own = [one for one in state.window if np.isin(one.likelihood.parameters, parameters).any()]
-        return len(own) + (RECENT if retired else 0)
+        dependent = [member.likelihood.parameters for member in state.window]
+        count = sum(bool(np.isin(each, parameters).any()) for each in dependent)
+        return count + (RECENT if retired else 0)
 
     def _families(self) -> dict[tuple[str, ...], NDArray[np.int64]]:
         first, each = len(self.state.materials), len(PAIR_COEFFICIENTS)
@@ -609,8 +615,8 @@ class OnlineLearner:
         covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(widths.size))
         covariance[held], covariance[:, held] = 0.0, 0.0
         deviations = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
-        seen = [self._observations[one.id] for one in state.window]
-        cost = TrajectoryCost(seen, self._simulator, state.materials).costs([parameters])[0]
+        observations = [self._observations[member.id] for member in state.window]
+        cost = TrajectoryCost(observations, self._simulator, state.materials).costs([parameters])[0]
         return LearnedParameters(
             parameters=parameters,
             standard_deviations=np.where(held, 0.0, np.where(identified, deviations, np.nan)),
@@ -630,11 +636,11 @@ class OnlineLearner:
         variances = jackknife_variances(
             state.posterior,
             state.centre,
-            [one.likelihood for one in state.window],
-            np.array([one.weight for one in state.window]),
+            [member.likelihood for member in state.window],
+            np.array([member.weight for member in state.window]),
         )
         return np.sqrt(np.minimum(variances, 1.0 / UNIFORM_PRECISION))
 
     def _drop_observations(self) -> None:
-        kept = {one.id for one in (*self.state.window, *self.state.doubtful)}
-        self._observations = {id: one for id, one in self._observations.items() if id in kept}
+        members = (*self.state.window, *self.state.doubtful)
+        self._observations = {member.id: self._observations[member.id] for member in members}

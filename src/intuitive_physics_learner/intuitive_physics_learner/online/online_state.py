@@ -142,9 +142,10 @@ class OnlineState:
         if self.published is None:
             return self.space.to_parameters(self.unit)
         space = ActiveSpace(self.space, free, self.published.parameters)
-        found = space.to_parameters(self.unit[free])
+        estimate = space.to_parameters(self.unit[free])
         given = parameter_vector(self.published.parameters)
-        return parameters_of_vector(self.materials, np.where(free, parameter_vector(found), given))
+        values = np.where(free, parameter_vector(estimate), given)
+        return parameters_of_vector(self.materials, values)
 
     def given(self) -> Information:
         """Return what a user knows of the parameters besides all observations."""
@@ -177,8 +178,8 @@ class OnlineState:
         for name in ("retired", "posterior", "published_information"):
             setattr(self, name, getattr(self, name).spread(places, centre.size))
         for member in (*self.window, *self.doubtful):
-            own = places[member.likelihood.parameters]
-            member.likelihood = replace(member.likelihood, parameters=own)
+            parameters = places[member.likelihood.parameters]
+            member.likelihood = replace(member.likelihood, parameters=parameters)
         if self.published is not None:
             self.published = self.published.extended(together)
 
@@ -186,8 +187,8 @@ class OnlineState:
     def empty() -> OnlineState:
         """Before any observation."""
         nothing = np.zeros(0)
-        known = Information.none(0), Information.none(0)
-        return OnlineState((), nothing, nothing.copy(), *known, nothing.copy(), nothing.copy())
+        nothings = Information.none(0), Information.none(0)
+        return OnlineState((), nothing, nothing.copy(), *nothings, nothing.copy(), nothing.copy())
 
     def to_json(self) -> str:
         """Return it as JSON text, every number to its last digit."""
@@ -197,7 +198,7 @@ class OnlineState:
             **{name: encode_array(getattr(self, name)) for name in _ARRAYS},
             **{name: _information_data(getattr(self, name)) for name in _INFORMATION},
             **{
-                name: [_member_data(one) for one in getattr(self, name)]
+                name: [_member_data(member) for member in getattr(self, name)]
                 for name in ("window", "doubtful")
             },
             "retired_spins": self.retired_spins.to_dict(),
@@ -225,10 +226,10 @@ class OnlineState:
                     **{name: decode_array(data[name]) for name in _ARRAYS},
                     **{name: _read_information(data[name]) for name in _INFORMATION},
                     **{
-                        name: [_read_member(one) for one in data[name]]
+                        name: [_read_member(member) for member in data[name]]
                         for name in ("window", "doubtful")
                     },
-                    "changes": [_read_change(one) for one in data["changes"]],
+                    "changes": [_read_change(change) for change in data["changes"]],
                     "published": published and LearnedParameters.from_dict(published),
                 }
             )
@@ -285,7 +286,7 @@ def _member_data(member: Member) -> dict[str, Any]:
         "information": encode_array(likelihood.information),
         "scores": encode_array(likelihood.scores),
         "loss": likelihood.loss,
-        "spins": [one.to_dict() for one in likelihood.spins],
+        "spins": [spin.to_dict() for spin in likelihood.spins],
     }
 
 
@@ -303,7 +304,7 @@ def _read_member(data: Mapping[str, Any]) -> Member:
             decode_array(data["information"]),
             decode_array(data["scores"]),
             data["loss"],
-            tuple(SpinLikelihood.from_dict(one) for one in data["spins"]),
+            tuple(SpinLikelihood.from_dict(spin) for spin in data["spins"]),
         ),
         data["weight"],
     )

@@ -93,7 +93,7 @@ class StoredOnlineLearning:
         except InvalidInputError as error:
             self.problem = f"{error}; all observations are learned from again"
             state = OnlineState.empty()
-        kept = self._record.kept([one.id for one in (*state.window, *state.doubtful)])
+        kept = self._record.kept([member.id for member in (*state.window, *state.doubtful)])
         return OnlineLearner(self._simulator, self._options, state, kept)
 
     def _adopt(self) -> None:

@@ -101,16 +101,16 @@ class Worker:
         os._exit(0)
 
 
-def _report_of(learning: StoredOnlineLearning, state: str) -> WorkerReport:
-    known = learning.learner.state
+def _report_of(learning: StoredOnlineLearning, text: str) -> WorkerReport:
+    state = learning.learner.state
     return WorkerReport(
-        state,
-        known.processed,
+        text,
+        state.processed,
         learning.pending,
-        known.set_aside,
-        known.score,
-        [f"{' on '.join(one.pair)} after observation {count}" for one, count in known.changes],
-        0 if known.published is None else known.published.version,
+        state.set_aside,
+        state.score,
+        [f"{' on '.join(each.pair)} after observation {count}" for each, count in state.changes],
+        0 if state.published is None else state.published.version,
         learning.problem,
     )
 

@@ -165,8 +165,8 @@ def identify(
     deviations = np.full(axes.size, np.inf)
     information = np.zeros((0, 0))
     if rising.size:
-        step, own = JACOBIAN_STEP, influence[:, rising]
-        squares = _squares_of_slopes(cost, axes, rising, own, step, cancelled)
+        step, columns = JACOBIAN_STEP, influence[:, rising]
+        squares = _squares_of_slopes(cost, axes, rising, columns, step, cancelled)
         information = squares / noise.effective_variance(rising.size)
         covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(rising.size))
         deviations[rising] = np.sqrt(np.diag(covariance))
@@ -306,14 +306,14 @@ def _squares_of_slopes(
     squares = np.zeros((chosen.size, chosen.size))
     for observation, row in enumerate(influence):
         stop_if(cancelled)
-        own = np.flatnonzero(row & (width > 0.0))
-        if own.size == 0:
+        columns = np.flatnonzero(row & (width > 0.0))
+        if columns.size == 0:
             continue
-        index = np.concatenate([own, own + chosen.size])
+        index = np.concatenate([columns, columns + chosen.size])
         trials = Trials(moves, index, np.full(index.size, observation))
-        residuals = cost.trial_residuals(trials).reshape(2, own.size, -1)
+        residuals = cost.trial_residuals(trials).reshape(2, columns.size, -1)
         # Points that are not there, or that the simulator did not reach, carry no information.
         steps = np.nan_to_num(residuals[1] - residuals[0], posinf=0.0, neginf=0.0)
-        slopes = steps / width[own, None]
-        squares[np.ix_(own, own)] += slopes @ slopes.T
+        slopes = steps / width[columns, None]
+        squares[np.ix_(columns, columns)] += slopes @ slopes.T
     return squares

@@ -60,7 +60,7 @@ def acceptable_moves(
     asked = np.flatnonzero(np.isfinite(deviations))
     chosen = np.repeat(asked, 2)
     moves = np.tile([-UNIFORM, UNIFORM], asked.size) * deviations[chosen]
-    found = np.zeros((axes.size, 2))
+    limits = np.zeros((axes.size, 2))
     for _ in range(MOVE_ROUNDS):
         places = np.clip(axes.origin[chosen] + moves, 0.0, 1.0)
         going = places != axes.origin[chosen]
@@ -77,10 +77,10 @@ def acceptable_moves(
             ]
         )
         chosen, moves, places = chosen[accepted], moves[accepted], places[accepted]
-        found[chosen, (moves > 0.0).astype(int)] = np.abs(places - axes.origin[chosen])
+        limits[chosen, (moves > 0.0).astype(int)] = np.abs(places - axes.origin[chosen])
         inside = (places > 0.0) & (places < 1.0)
         chosen, moves = chosen[inside], MOVE_GROWTH * moves[inside]
-    return found
+    return limits
 
 
 def is_acceptable(rises: NDArray[np.float64], costs: NDArray[np.float64]) -> bool:

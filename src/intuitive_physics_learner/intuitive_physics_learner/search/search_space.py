@@ -68,15 +68,15 @@ class ActiveSpace:
         """
         whole = self._unit.copy()
         whole[self._active] = unit
-        found = self._space.to_parameters(whole)
+        parameters = self._space.to_parameters(whole)
         if not self._held.any():
-            return found
+            return parameters
         # On the cube, static friction would follow dynamic friction.
-        coefficients = found.coefficients.copy()
+        coefficients = parameters.coefficients.copy()
         static = np.where(self._held, self._others.coefficients[STATIC], coefficients[STATIC])
         coefficients[STATIC] = static
         coefficients[DYNAMIC] = np.minimum(coefficients[DYNAMIC], static)
-        return StaticParameters(found.materials, found.density, coefficients)
+        return StaticParameters(parameters.materials, parameters.density, coefficients)
 
     def to_unit(self, parameters: StaticParameters) -> NDArray[np.float64]:
         """Map θ_s to the cube, (size,) coordinates from 0 to 1."""

@@ -248,8 +248,8 @@ class Database:
         Takes about a second for each 500 MB, and longer from a slow disk.
         """
         with self.reading() as connection:
-            found = " ".join(_quick_check(connection, 5))
-        return "" if found == "ok" else found
+            problems = " ".join(_quick_check(connection, 5))
+        return "" if problems == "ok" else problems
 
     def _make_private(self) -> None:
         """Make a file that does not exist yet so that only its owner can read it.

@@ -127,7 +127,7 @@ def text_columns(text: str) -> tuple[Any, ...]:
         check_limit("longest_text", len(text), "characters of the text")
         data = json.loads(text)
         objects, environment = data["objects"], data["environment"]
-        materials = [seen["object"]["material"] for seen in objects]
+        materials = [track["object"]["material"] for track in objects]
         materials += [part["material"] for part in (*environment["planes"], *environment["boxes"])]
         start = float(data["start_time"])
         times = list(_ends(objects))
@@ -137,8 +137,8 @@ def text_columns(text: str) -> tuple[Any, ...]:
             max(times),
             json.dumps(list(dict.fromkeys(materials))),
             len(objects),
-            sum(len(seen["times"]) for seen in objects),
-            any(seen.get("detections") is not None for seen in objects),
+            sum(len(track["times"]) for track in objects),
+            any(track.get("detections") is not None for track in objects),
         )
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         raise InvalidInputError(f"{type(error).__name__}: {error}") from None
@@ -150,8 +150,8 @@ UNREADABLE_COLUMNS = (None, None, None, "[]", 0, 0, False)
 
 def _ends(objects: list[dict[str, Any]]) -> Iterator[float]:
     """First and last times in s at which objects were seen."""
-    for seen in objects:
-        for times in (seen["times"], (seen.get("detections") or {}).get("times")):
+    for track in objects:
+        for times in (track["times"], (track.get("detections") or {}).get("times")):
             if times:
                 yield from (float(times[0]), float(times[-1]))
 

@@ -72,24 +72,24 @@ def excess_observations(connection: sqlite3.Connection) -> list[tuple[str, str]]
     if count <= most:
         return []
     taken: set[str] = set()
-    found = []
+    texts = []
     for name, materials in connection.execute(
         "SELECT id, materials FROM observation_entries ORDER BY number"
     ):
-        own = set(json.loads(materials))
-        if len(taken | own) > most:
-            found.append((name, TOO_MANY_MATERIALS.format(len(own))))
+        names = set(json.loads(materials))
+        if len(taken | names) > most:
+            texts.append((name, TOO_MANY_MATERIALS.format(len(names))))
         else:
-            taken |= own
-    return found
+            taken |= names
+    return texts
 
 
-def set_unreadable(connection: sqlite3.Connection, found: Sequence[tuple[str, str]]) -> None:
+def set_unreadable(connection: sqlite3.Connection, problems: Sequence[tuple[str, str]]) -> None:
     """Give observations, each with the reason, the status of what cannot be read."""
     connection.executemany(
         "UPDATE observation_entries SET status = ?, weight = 0.0, reason = ?, materials = '[]' "
         "WHERE id = ?",
-        [(UNREADABLE, reason, name) for name, reason in found],
+        [(UNREADABLE, reason, name) for name, reason in problems],
     )
 
 
@@ -190,7 +190,7 @@ class ObservationSpan:
 
     @staticmethod
     def of(observation: Observation) -> ObservationSpan:
-        has_detections = any(seen.detections is not None for seen in observation.objects)
+        has_detections = any(track.detections is not None for track in observation.objects)
         return ObservationSpan(observation, *observation.time_span, has_detections)
 
     def comparable(self, other: ObservationSpan) -> bool:

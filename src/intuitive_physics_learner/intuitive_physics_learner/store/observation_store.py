@@ -137,18 +137,18 @@ class ObservationStore:
     def add_all(self, observations: Sequence[Observation]) -> int:
         """Store observations, all or none of them, and return how many were not stored before."""
         fresh: list[ObservationSpan] = []
-        for one in observations:
-            span = ObservationSpan.of(one)
+        for observation in observations:
+            span = ObservationSpan.of(observation)
             near = heapq.nsmallest(
                 CANDIDATES,
                 (other for other in fresh if other.comparable(span)),
-                key=lambda other: abs(other.observation.start_time - one.start_time),
+                key=lambda other: abs(other.observation.start_time - observation.start_time),
             )
             same = (*self._stored_near(span), *(other.observation for other in near))
-            if not any(other.same_motion(one) for other in same):
+            if not any(other.same_motion(observation) for other in same):
                 fresh.append(span)
         new = [span.observation for span in fresh]
-        rows = [(one.id, time.time(), readable_text(one)) for one in new]
+        rows = [(observation.id, time.time(), readable_text(observation)) for observation in new]
         materials = observation_materials(new)
         with self._database.writing() as connection:
             self._check_materials(connection, materials)
@@ -172,8 +172,8 @@ class ObservationStore:
     def counts(self) -> dict[str, int]:
         """Return how many observations have each status of `STATUSES`."""
         with self._database.reading() as connection:
-            found = dict(connection.execute("SELECT status, count FROM observation_counts"))
-        return {status: found.get(status, 0) for status in STATUSES}
+            by_status = dict(connection.execute("SELECT status, count FROM observation_counts"))
+        return {status: by_status.get(status, 0) for status in STATUSES}
 
     def materials(self) -> tuple[str, ...]:
         """Return the materials of all observations in order of appearance."""
@@ -229,15 +229,15 @@ class ObservationStore:
         if not ids:
             return [observation for _, observation in self.each_observation()]
         rows = self._texts(self.entries(ids=ids))
-        found = [(entry, parsed_observation(text)) for entry, text in rows]
-        for entry, observation in found:
+        parsed = [(entry, parsed_observation(text)) for entry, text in rows]
+        for entry, observation in parsed:
             if isinstance(observation, InvalidInputError):
                 self._mark_unreadable([(entry, observation)])
                 raise StorageError(
                     f"{self.path}: observation {entry.id} cannot be read ({observation}); delete "
                     "it or learn from others"
                 ) from None
-        return [observation for _, observation in found if isinstance(observation, Observation)]
+        return [observation for _, observation in parsed if isinstance(observation, Observation)]
 
     def each_observation(
         self,
@@ -428,7 +428,7 @@ class ObservationStore:
         Whether they were saved.
         """
         versions = [] if learned is None else [replace(learned, version=on + 1).to_dict()]
-        texts = [json.dumps(one, allow_nan=False) for one in versions]
+        texts = [json.dumps(version, allow_nan=False) for version in versions]
         with self._database.writing() as connection:
             if _newest_version(connection) != on:
                 return False
@@ -526,15 +526,15 @@ class ObservationStore:
 
     def _check_materials(self, connection: sqlite3.Connection, materials: Sequence[str]) -> None:
         """Refuse new materials when there would be too many, observed and learned together."""
-        known = {row[0] for row in connection.execute("SELECT name FROM observed_materials")}
-        new = set(materials) - known
+        names = {row[0] for row in connection.execute("SELECT name FROM observed_materials")}
+        new = set(materials) - names
         if not new:
             return
         newest = self.newest_parameters()
-        known |= set() if newest is None else set(newest.materials)
-        if new - known:
+        names |= set() if newest is None else set(newest.materials)
+        if new - names:
             check_limit(
-                "most_materials", len(known | new), f"materials of {self.path} together with these"
+                "most_materials", len(names | new), f"materials of {self.path} together with these"
             )
 
     def _check_size(self, before: int, after: int) -> None:
@@ -570,24 +570,24 @@ class ObservationStore:
         """Return stored observations that may be of the same motion."""
         with self._database.reading() as connection:
             texts = overlapping_texts(connection, span)
-        found = map(parsed_observation, texts)
-        return [one for one in found if isinstance(one, Observation)]
+        parsed = map(parsed_observation, texts)
+        return [observation for observation in parsed if isinstance(observation, Observation)]
 
-    def _mark_unreadable(self, found: Sequence[tuple[ObservationEntry, InvalidInputError]]) -> None:
-        rows = [(entry.id, str(error)) for entry, error in found if entry.status != UNREADABLE]
+    def _mark_unreadable(self, texts: Sequence[tuple[ObservationEntry, InvalidInputError]]) -> None:
+        rows = [(entry.id, str(error)) for entry, error in texts if entry.status != UNREADABLE]
         # It is marked the next time it is read if another process writes now.
         with suppress(DatabaseBusyError):
             self._write_unreadable(rows)
 
     def _set_excess_aside(self) -> None:
         with self._database.reading() as connection:
-            found = excess_observations(connection)
-        self._write_unreadable(found)
+            excess = excess_observations(connection)
+        self._write_unreadable(excess)
 
-    def _write_unreadable(self, found: Sequence[tuple[str, str]]) -> None:
-        if found:
+    def _write_unreadable(self, problems: Sequence[tuple[str, str]]) -> None:
+        if problems:
             with self._database.writing() as connection:
-                set_unreadable(connection, found)
+                set_unreadable(connection, problems)
 
     def _parameters(self, version: int, text: str) -> LearnedParameters:
         try:
@@ -608,14 +608,12 @@ def _insert_version(connection: sqlite3.Connection, version: int, text: str) -> 
 
 
 def _assess(connection: sqlite3.Connection, assessments: Sequence[Assessment]) -> int:
-    rows = [
-        (one.status, one.weight, one.reason, one.id, USED, DOUBTFUL, USED, INCLUDED_BY_USER)
-        for one in assessments
-    ]
+    constants = {"used": USED, "doubtful": DOUBTFUL, "included": INCLUDED_BY_USER}
     return connection.executemany(
-        "UPDATE observation_entries SET status = ?, weight = ?, reason = ? "
-        "WHERE id = ? AND status IN (?, ?) AND NOT (status = ? AND reason = ?)",
-        rows,
+        "UPDATE observation_entries SET status = :status, weight = :weight, reason = :reason "
+        "WHERE id = :id AND status IN (:used, :doubtful) "
+        "AND NOT (status = :used AND reason = :included)",
+        [{**vars(assessment), **constants} for assessment in assessments],
     ).rowcount
 
 

@@ -39,14 +39,14 @@ class OnlineRecord:
                 "ORDER BY entry.revision LIMIT ?",
                 (revision, USED, limit),
             ).fetchall()
-        found, problems = [], {}
+        observations, problems = [], {}
         for _, name, text in rows:
-            one = parsed_observation(text)
-            if isinstance(one, Observation):
-                found.append(one)
+            observation = parsed_observation(text)
+            if isinstance(observation, Observation):
+                observations.append(observation)
             else:
-                problems[name] = str(one)
-        return found, problems, rows[-1][0] if rows else revision
+                problems[name] = str(observation)
+        return observations, problems, rows[-1][0] if rows else revision
 
     def count_since(self, revision: int) -> int:
         """Return the number of observations that were added or given back since a revision."""
@@ -75,8 +75,8 @@ class OnlineRecord:
                 "WHERE id IN (SELECT value FROM json_each(?)) AND status IN (?, ?)",
                 (json.dumps(list(ids)), USED, DOUBTFUL),
             ).fetchall()
-        found = [parsed_observation(text) for (text,) in rows]
-        return [one for one in found if isinstance(one, Observation)]
+        parsed = [parsed_observation(text) for (text,) in rows]
+        return [observation for observation in parsed if isinstance(observation, Observation)]
 
     def state(self) -> str | None:
         """Return the state that was saved last; None before the first."""

@@ -84,7 +84,7 @@ def start_learner(database, *parameters, **options):
     test says so.
     """
     arguments = [f"database:={database}", "method:=cma_es", "online:=false", *parameters]
-    ros_arguments = [word for one in arguments for word in ("-p", one)]
+    ros_arguments = [word for argument in arguments for word in ("-p", argument)]
     return NodeProcess("intuitive_physics_learner.nodes.learner_node", ros_arguments, **options)
 
 
@@ -227,8 +227,8 @@ def test_learns_what_made_the_observations(start, caller, throws, true_parameter
     assert caller.published == []
 
     observed = throws(8, 3)
-    for count, one in enumerate(observed[:7], 1):
-        answer = caller.add(one)
+    for count, observation in enumerate(observed[:7], 1):
+        answer = caller.add(observation)
         assert (answer.result.value, answer.added) == (ResultCode.OK, True)
         assert answer.observation_count == count
     again = caller.add(observed[0])
@@ -323,11 +323,13 @@ def test_exports_stay_below_the_folder_that_is_given(tmp_path):
 def test_users_look_after_the_observations(start, caller, glides, tmp_path):
     start()
     for name, material in (("a", "ball"), ("b", "ball"), ("c", "cork")):
-        seen = glides(np.random.default_rng(0), 0.5, materials=(material,), start=7.0, id=name)
-        assert caller.add(seen).added
+        observation = glides(
+            np.random.default_rng(0), 0.5, materials=(material,), start=7.0, id=name
+        )
+        assert caller.add(observation).added
     listed = caller.call(ListObservations, limit=2)
     assert (listed.result.value, listed.observation_count) == (ResultCode.OK, 3)
-    assert [one.id for one in listed.observations] == ["a", "b"]
+    assert [entry.id for entry in listed.observations] == ["a", "b"]
     (rest,) = caller.call(ListObservations, after=listed.observations[-1].number).observations
     assert (rest.id, rest.start_time, rest.status, rest.weight) == ("c", 7.0, "used", 1.0)
     assert (list(rest.materials), rest.object_count) == (["cork", "floor"], 1)
@@ -362,8 +364,8 @@ def test_no_observation_is_lost_while_another_process_writes(start, caller, glid
     observations = [glides(np.random.default_rng(0), 0.5, id=str(n)) for n in range(4)]
     other = sqlite3.connect(tmp_path / "learner.sqlite3", isolation_level=None)
     other.execute("BEGIN IMMEDIATE")
-    for one in observations[:3]:
-        caller.observations.publish(observation_to_message(one))
+    for observation in observations[:3]:
+        caller.observations.publish(observation_to_message(observation))
     answer = caller.add(observations[3])
     assert answer.result.value == ResultCode.STORAGE_FAILED
     assert "another process" in answer.result.message
@@ -371,13 +373,14 @@ def test_no_observation_is_lost_while_another_process_writes(start, caller, glid
     other.execute("ROLLBACK")
     other.close()
     caller.spin_until(lambda: queue_status(caller) == (DiagnosticStatus.OK, "0"))
-    assert [one.id for one in caller.call(ListObservations).observations] == ["0", "1", "2"]
+    stored = caller.call(ListObservations).observations
+    assert [entry.id for entry in stored] == ["0", "1", "2"]
 
 
 def queue_status(caller):
     """Level of the newest report on the queue, and how many observations wait in it."""
-    found = status_of(caller, "observation queue")
-    return found and (found[0], found[2]["waiting"])
+    status = status_of(caller, "observation queue")
+    return status and (status[0], status[2]["waiting"])
 
 
 def test_an_unreadable_row_does_not_keep_it_from_starting(start, caller, glides, tmp_path):
@@ -391,7 +394,7 @@ def test_an_unreadable_row_does_not_keep_it_from_starting(start, caller, glides,
     assert answer.result.value == ResultCode.OK, answer.result.message
     assert answer.static_parameters.observation_count == 1
     caller.spin_until(lambda: "1 of 2 observations cannot be read" in node.output)
-    statuses = [one.status for one in caller.call(ListObservations).observations]
+    statuses = [entry.status for entry in caller.call(ListObservations).observations]
     assert statuses == ["unreadable", "used"]
 
 
@@ -399,8 +402,8 @@ def test_environment_that_the_engine_cannot_simulate(start, caller, glides):
     start("simulator:=bullet")
     corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     table = Environment([Plane("table", "floor", [0, 0, 1], 0.0, boundary=corners)])
-    seen = glides(np.random.default_rng(0), 0.5)
-    assert caller.add(replace(seen, environment=table)).added
+    observation = glides(np.random.default_rng(0), 0.5)
+    assert caller.add(replace(observation, environment=table)).added
     result = caller.call(Learn).result
     assert result.value == ResultCode.INCOMPATIBLE_ENVIRONMENT
     assert "plane table has a boundary" in result.message
@@ -443,8 +446,8 @@ def test_a_mistake_of_ours_is_an_internal_error(start, caller, glides):
 
 def test_two_processes_learn_the_same_as_one(start, caller, throws, tmp_path):
     node = start("simulator:=event_driven", "cluster:=local:2", own_group=True)
-    for one in throws(5, 0):
-        caller.add(one)
+    for observation in throws(5, 0):
+        caller.add(observation)
     options = LearningOptions(max_iterations=300, seed=1)
     future = caller.start_call(Learn, options=options)
     # Two processes start first.
@@ -469,8 +472,8 @@ def test_observations_of_the_topic_that_are_wrong_are_reported(start, caller, gl
     caller.observations.publish(broken)
 
     def is_reported():
-        found = status_of(caller, "observation input")
-        return found and "rejected" in found[1]
+        status = status_of(caller, "observation input")
+        return status and "rejected" in status[1]
 
     caller.spin_until(is_reported)
     assert caller.call(Learn).result.value == ResultCode.NO_OBSERVATIONS
@@ -478,8 +481,8 @@ def test_observations_of_the_topic_that_are_wrong_are_reported(start, caller, gl
 
 def test_stays_responsive_and_busy_while_it_learns(start, caller, throws):
     start()
-    for one in throws(6, 0):
-        caller.add(one)
+    for observation in throws(6, 0):
+        caller.add(observation)
     feedback = []
     goal, result = caller.start_goal(ENDLESS, feedback)
     caller.spin_until(lambda: feedback)
@@ -508,8 +511,8 @@ def test_stays_responsive_and_busy_while_it_learns(start, caller, throws):
 
 def test_action_tells_its_progress(start, caller, throws):
     start()
-    for one in throws(6, 0):
-        caller.add(one)
+    for observation in throws(6, 0):
+        caller.add(observation)
     feedback = []
     options = LearningOptions(method="hybrid_random", max_iterations=3000, seed=1)
     _, result = caller.start_goal(options, feedback)
@@ -520,8 +523,8 @@ def test_action_tells_its_progress(start, caller, throws):
     assert len(history) == answer.result.iterations == 3000
     assert list(history) == sorted(history, reverse=True)
     caller.spin_until(lambda: feedback[-1].iteration == 3000)
-    assert [cost for one in feedback for cost in one.cost_history] == list(history)
-    assert all(one.max_iterations == 3000 for one in feedback)
+    assert [cost for message in feedback for cost in message.cost_history] == list(history)
+    assert all(message.max_iterations == 3000 for message in feedback)
     assert feedback[-1].time_left == 0.0
     assert answer.result.static_parameters.version == 1
 
@@ -537,8 +540,8 @@ def test_takes_over_parameters(start, caller):
 
 def test_given_values_are_held_or_priors_as_the_caller_says(start, caller, throws):
     start()
-    for one in throws(4, 0):
-        caller.add(one)
+    for observation in throws(4, 0):
+        caller.add(observation)
     values = LearnedParameters.defaults(["ball", "floor"])
     fixed = static_parameters_to_message(values)
     pair = next(p for p in fixed.pairs if p.material_a != p.material_b)
@@ -556,9 +559,9 @@ def test_given_values_are_held_or_priors_as_the_caller_says(start, caller, throw
     options = LearningOptions(method="random", max_iterations=50)
     learned = caller.call(Learn, options=options).static_parameters
     assert learned.version == 3
-    found = static_parameters_from_message(learned).parameters.pair("ball", "floor")
-    assert found["restitution"] == 0.61
-    assert found["rolling_friction"] != 0.04
+    coefficients = static_parameters_from_message(learned).parameters.pair("ball", "floor")
+    assert coefficients["restitution"] == 0.61
+    assert coefficients["rolling_friction"] != 0.04
 
     pair.restitution = 0.5
     bounds = [ParameterBounds(kind="restitution", lower=0.6, upper=0.9)]
@@ -574,8 +577,8 @@ def test_given_values_are_held_or_priors_as_the_caller_says(start, caller, throw
 
 def test_nothing_is_lost_by_kill_9(start, caller, throws):
     node = start()
-    for one in throws(3, 0):
-        caller.add(one)
+    for observation in throws(3, 0):
+        caller.add(observation)
     before = caller.call(Learn, options=LearningOptions(max_iterations=50)).static_parameters
     caller.start_goal(ENDLESS)
     assert caller.add(throws(1, 9)[0]).added
@@ -595,8 +598,8 @@ def test_a_search_that_was_killed_goes_on(start, caller, throws, tmp_path):
     options = LearningOptions(method="random", max_iterations=30_000, seed=4)
     node = start("simulator:=event_driven")
     observed = throws(8, 0)
-    for one in observed:
-        caller.add(one)
+    for observation in observed:
+        caller.add(observation)
     feedback = []
     caller.start_goal(options, feedback)
 
@@ -629,15 +632,15 @@ def test_a_search_that_was_killed_goes_on(start, caller, throws, tmp_path):
 
 def background_status(caller):
     """What the newest diagnostics say about learning in the background."""
-    found = status_of(caller, "learning in the background")
-    return found[1] if found else ""
+    status = status_of(caller, "learning in the background")
+    return status[1] if status else ""
 
 
 def test_learns_in_the_background_as_observations_arrive(start, caller, throws, true_parameters):
     start("online:=true", "online_seconds:=4.0", "online_priority:=normal")
     caller.spin_until(lambda: caller.observations.get_subscription_count() == 1)
-    for one in throws(6, 0, noise=0.003):
-        caller.observations.publish(observation_to_message(one))
+    for observation in throws(6, 0, noise=0.003):
+        caller.observations.publish(observation_to_message(observation))
     caller.spin_until(lambda: caller.published and caller.published[-1].version >= 1, 60.0)
     caller.spin_until(lambda: background_status(caller) == "waiting for observations", 60.0)
     newest = caller.call(GetStaticParameters).static_parameters
@@ -649,8 +652,8 @@ def test_learns_in_the_background_as_observations_arrive(start, caller, throws, 
 
 def test_the_background_gives_way_and_can_be_turned_off_and_on(start, caller, throws):
     start("online:=true", "online_priority:=normal")
-    for one in throws(200, 0):
-        caller.add(one)
+    for observation in throws(200, 0):
+        caller.add(observation)
     caller.spin_until(lambda: background_status(caller) == "learning", 60.0)
     _, result = caller.start_goal(LearningOptions(method="random", max_iterations=2000))
     caller.spin_until(lambda: background_status(caller).startswith("waits for the end"))
@@ -687,8 +690,8 @@ def test_full_disk(start, caller, glides):
 
 
 def level_of_room(caller):
-    found = status_of(caller, "room for the database")
-    return None if found is None else found[0]
+    status = status_of(caller, "room for the database")
+    return None if status is None else status[0]
 
 
 def test_a_database_of_its_largest_size_refuses_counts_and_says_so(start, caller, glides):
@@ -703,9 +706,9 @@ def test_a_database_of_its_largest_size_refuses_counts_and_says_so(start, caller
     caller.observations.publish(observation_to_message(glides(generator, 0.5)))
 
     def is_refused():
-        found = status_of(caller, "observation queue")
+        status = status_of(caller, "observation queue")
         refused = (DiagnosticStatus.ERROR, "1")
-        return found and (found[0], found[2]["refused by a full database"]) == refused
+        return status and (status[0], status[2]["refused by a full database"]) == refused
 
     caller.spin_until(is_refused)
     caller.spin_until(lambda: level_of_room(caller) == DiagnosticStatus.WARN)
@@ -735,8 +738,8 @@ def test_a_file_that_is_no_database_stops_it_with_one_line(start, tmp_path):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ends_cleanly_while_it_learns(start, caller, throws, number):
     node = start()
-    for one in throws(3, 0):
-        caller.add(one)
+    for observation in throws(3, 0):
+        caller.add(observation)
     feedback = []
     caller.start_goal(ENDLESS, feedback)
     caller.start_call(Learn)
@@ -746,8 +749,8 @@ def test_ends_cleanly_while_it_learns(start, caller, throws, number):
 
 def test_outlives_callers_that_leave(start, caller, throws):
     node = start()
-    for one in throws(3, 0):
-        caller.add(one)
+    for observation in throws(3, 0):
+        caller.add(observation)
     leaving = Caller()
     options = LearningOptions(method="random", max_iterations=3000)
     leaving.start_call(Learn, options=options)

@@ -55,7 +55,7 @@ def start(database):
 
     def start_one(*parameters):
         given = (f"database:={database}", "online:=false", "method:=random", *parameters)
-        started.append(NodeProcess(MODULE, [word for one in given for word in ("-p", one)]))
+        started.append(NodeProcess(MODULE, [word for value in given for word in ("-p", value)]))
         started[-1].wait_for("observations and version", 60.0)
         return started[-1]
 
@@ -75,7 +75,7 @@ def stage(count=1, materials=("floor",), duration=1.0, name=""):
     times = np.linspace(0.0, duration, 30)
     still = np.zeros((times.size, 3))
     return LibraryObservation(
-        Environment([Plane(one, one, (0, 0, 1), -0.001 * i) for i, one in enumerate(materials)]),
+        Environment([Plane(name, name, (0, 0, 1), -0.001 * i) for i, name in enumerate(materials)]),
         tuple(
             ObservedObject(
                 SceneObject(f"box {i}", "box", Box((0.1, 0.12, 0.14))),
@@ -156,7 +156,7 @@ def test_a_database_of_an_older_version_that_holds_too_much_starts(start, peer, 
     )
     assert none.result.value == ResultCode.OK
     assert not none.observations
-    assert [one.status for one in listed.observations] == ["used", "unreadable"]
+    assert [entry.status for entry in listed.observations] == ["used", "unreadable"]
     assert "its 501 materials are too many" in listed.observations[1].reason
     assert node.stop() == 0
 
@@ -304,14 +304,14 @@ class BusyStore:
 
 def test_observations_that_wait_take_little_memory():
     queue = ObservationQueue(BusyStore(), lambda: None, lambda error: None)
-    one = stage(name="one")
+    observation = stage(name="one")
     times = np.linspace(0.0, 1.0, 600_000)
-    seen = replace(one.objects[0], trajectory=Trajectory(times, np.zeros((times.size, 3))))
-    large = replace(one, objects=(seen,))
+    track = replace(observation.objects[0], trajectory=Trajectory(times, np.zeros((times.size, 3))))
+    large = replace(observation, objects=(track,))
     queue.put(large)
     with pytest.raises(StorageError, match="1 observations of 600000 points wait"):
         queue.put(large)
-    queue.put(one)
+    queue.put(observation)
     assert queue.check().values == {"waiting": 2, "lost": 1, "refused by a full database": 0}
     assert queue.stop(5.0) == 2
 
@@ -323,7 +323,7 @@ def test_an_observation_that_is_refused_does_not_hold_the_next_ones(database):
         for name, count in (("first", 1), ("large", 40), ("last", 1)):
             queue.put(stage(materials=materials(count), name=name))
         assert queue.stop(20.0) == 0
-        assert [one.id for one in store.entries()] == ["first", "last"]
+        assert [entry.id for entry in store.entries()] == ["first", "last"]
     assert "materials of observation large: got 41" in str(refused[0])
 
 
@@ -340,8 +340,8 @@ def test_requests_that_wait_have_an_end(start, peer, database):
         )
         for i in range(4)
     ]
-    peer.spin_until(lambda: all(one.done() for one in sent), "answers")
-    codes = sorted(one.result().result.value for one in sent)
+    peer.spin_until(lambda: all(future.done() for future in sent), "answers")
+    codes = sorted(future.result().result.value for future in sent)
     assert codes == [ResultCode.BUSY, ResultCode.BUSY, ResultCode.CANCELLED, ResultCode.CANCELLED]
     other.execute("ROLLBACK")
     other.close()

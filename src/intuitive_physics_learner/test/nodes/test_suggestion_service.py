@@ -34,7 +34,7 @@ class Asking:
 
     def __init__(self, database, *parameters):
         values = [f"database:={database}", "online:=false", "simulator:=event_driven", *parameters]
-        self.process = NodeProcess(MODULE, [word for one in values for word in ("-p", one)])
+        self.process = NodeProcess(MODULE, [word for value in values for word in ("-p", value)])
         self.peer = Peer("asking", timeout=PATIENCE)
 
     def greet(self):
@@ -69,8 +69,8 @@ def asking(tmp_path, throws):
         return opened[-1]
 
     yield start
-    for one in opened:
-        one.close()
+    for node in opened:
+        node.close()
 
 
 def test_suggests_throws_of_what_was_seen(asking, throws):
@@ -91,8 +91,8 @@ def test_suggests_throws_of_what_was_seen(asking, throws):
     # All parameters, from what was seen.
     assert len(node.call(Suggest).asked) == 4
     # The answer to a query.
-    (seen,) = throws(1, 0)
-    scene: Scene = seen.scene()
+    (observation,) = throws(1, 0)
+    scene: Scene = observation.scene()
     query = {
         "environment": environment_to_message(scene.environment),
         "objects": [object_state_to_message(scene.objects[0], scene.states[0])],

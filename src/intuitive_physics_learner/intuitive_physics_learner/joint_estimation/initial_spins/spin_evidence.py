@@ -71,14 +71,14 @@ def unknown_spins(observation: Observation, components: NDArray[np.int64]) -> li
 
     `components` (k,) index of each free component of the initial states on the axes (O, 12).
     """
-    found = []
-    for j, seen in enumerate(observation.objects):
-        stated = unknown_spin(seen.object.shape, seen.initial_state)
+    likelihoods = []
+    for j, track in enumerate(observation.objects):
+        stated = unknown_spin(track.object.shape, track.initial_state)
         first = j * ERROR_SIZE + ANGULAR_VELOCITY.start
         places = np.flatnonzero((components >= first) & (components < (j + 1) * ERROR_SIZE))
         if stated is not None and places.size:
-            found.append(UnknownSpin(seen.object.material, stated, places))
-    return found
+            likelihoods.append(UnknownSpin(track.object.material, stated, places))
+    return likelihoods
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,10 +202,10 @@ class SpinEvidence:
         self._sums = dict(sums or {})
 
     @staticmethod
-    def about(known: InitialSpins) -> SpinEvidence:
+    def about(spins: InitialSpins) -> SpinEvidence:
         """Return the evidence after which the spreads would be those given."""
         sums = {}
-        for name, spread in known.by_material.items():
+        for name, spread in spins.by_material.items():
             posterior = log_normal(spread.deviation, spread.count + PRIOR_THROWS)
             sums[name] = _ThrowSum(
                 spread.count,
@@ -217,15 +217,15 @@ class SpinEvidence:
 
     def add_all(self, likelihoods: Iterable[SpinLikelihood], weight: float = 1.0) -> None:
         """Add the throws of one observation, times its weight."""
-        for one in likelihoods:
-            throw = _ThrowSum(1.0, float(np.log(one.stated)), *one.on_grid())
-            known = self._sums.get(one.material) or _ThrowSum.nothing()
-            self._sums[one.material] = known.plus(throw, weight)
+        for likelihood in likelihoods:
+            throw = _ThrowSum(1.0, float(np.log(likelihood.stated)), *likelihood.on_grid())
+            sums = self._sums.get(likelihood.material) or _ThrowSum.nothing()
+            self._sums[likelihood.material] = sums.plus(throw, weight)
 
     def discount(self, factor: float) -> None:
         """Keep that part of what is known."""
         nothing = _ThrowSum.nothing()
-        self._sums = {name: nothing.plus(own, factor) for name, own in self._sums.items()}
+        self._sums = {name: nothing.plus(sums, factor) for name, sums in self._sums.items()}
 
     def copy(self) -> SpinEvidence:
         """Return an independent copy."""
@@ -234,19 +234,23 @@ class SpinEvidence:
     def initial_spins(self) -> InitialSpins:
         """Return the spread of each material of which there are throws."""
         return InitialSpins(
-            {name: own.spread() for name, own in self._sums.items() if own.throws > FEWEST_THROWS}
+            {
+                name: sums.spread()
+                for name, sums in self._sums.items()
+                if sums.throws > FEWEST_THROWS
+            }
         )
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data that `from_dict` reads."""
         return {
             name: {
-                "throws": own.throws,
-                "log_stated": own.log_stated,
-                "log_likelihoods": own.log_likelihoods.tolist(),
-                "counts": own.counts.tolist(),
+                "throws": sums.throws,
+                "log_stated": sums.log_stated,
+                "log_likelihoods": sums.log_likelihoods.tolist(),
+                "counts": sums.counts.tolist(),
             }
-            for name, own in self._sums.items()
+            for name, sums in self._sums.items()
         }
 
     @staticmethod
@@ -255,11 +259,11 @@ class SpinEvidence:
         return SpinEvidence(
             {
                 name: _ThrowSum(
-                    own["throws"],
-                    own["log_stated"],
-                    np.array(own["log_likelihoods"]),
-                    np.array(own["counts"]),
+                    sums["throws"],
+                    sums["log_stated"],
+                    np.array(sums["log_likelihoods"]),
+                    np.array(sums["counts"]),
                 )
-                for name, own in data.items()
+                for name, sums in data.items()
             }
         )

@@ -70,11 +70,11 @@ def search_spins(
             for spin in unknown[row][k : k + 1]:
                 away = width * block.prior_deviations[row, spin.places] * _standard_normal()
                 tried[:, row, spin.places] += away
-        found = losses(tried)
-        pick = found.argmin(axis=0)
-        better = found[pick, every] < least
+        trial_losses = losses(tried)
+        pick = trial_losses.argmin(axis=0)
+        better = trial_losses[pick, every] < least
         best = np.where(better[:, None], tried[pick, every], best)
-        least = np.minimum(found[pick, every], least)
+        least = np.minimum(trial_losses[pick, every], least)
     return best, ends, ends_early & (least < before - SMALLEST_SCAN_GAIN)
 
 

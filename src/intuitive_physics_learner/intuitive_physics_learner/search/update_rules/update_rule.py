@@ -73,7 +73,7 @@ class UpdateRule(ABC):
         """
         if limit < 1:
             raise InvalidInputError(f"asked for {limit} candidates; expected at least 1")
-        self._check_told("asked")
+        self._check_updated("asked")
         if self._generation is None:
             self._generator_before = self._generator.bit_generator.state
             self._generation = self._next_generation()
@@ -105,7 +105,7 @@ class UpdateRule(ABC):
         InvalidInputError
             When the costs of the last candidates were not told.
         """
-        self._check_told("asked for the state")
+        self._check_updated("asked for the state")
         within = self._generation is not None
         return {
             "rule": self.name,
@@ -151,7 +151,7 @@ class UpdateRule(ABC):
             return self._start[None, :].copy()
         return self.propose()
 
-    def _check_told(self, what: str) -> None:
+    def _check_updated(self, what: str) -> None:
         if self._asked:
             raise InvalidInputError(
                 f"{what} before the costs of {self._asked} candidates were told; "

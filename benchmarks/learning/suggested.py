@@ -211,7 +211,7 @@ def _fitted(
         fit.step()
     unit = start.copy()
     unit[task.active] = fit.unit
-    posterior, sided = fit.posterior()
+    posterior, sided = fit.model.curvature_posterior(fit.estimate)
     factors = sided / posterior.deviations
     information = np.linalg.inv(posterior.covariance * np.outer(factors, factors))
     information -= task.prior.precision

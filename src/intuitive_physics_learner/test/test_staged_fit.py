@@ -160,7 +160,7 @@ def test_a_stopped_fit_continues_exactly(task, stopped):
         second.step()
     np.testing.assert_array_equal(whole.joint.unit, second.joint.unit)
     assert whole.steps == second.steps
-    assert whole.joint.simulations == second.joint.simulations
+    assert whole.joint.model.simulations == second.joint.model.simulations
 
 
 def test_fits_jointly_from_the_beginning_where_few_moved_alone(task, monkeypatch):

@@ -31,7 +31,6 @@ from intuitive_physics_learner.joint_estimation.local_likelihood import (
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     AGREEMENT_FREEDOM,
     NormalEquations,
-    Posterior,
     agreement_weights,
     bounded_step,
 )
@@ -99,6 +98,8 @@ class JointFit:
     ----------
     prior : that of the task
     settings : as given
+    model : simulates near the estimate, and counts simulations
+    estimate : θ_s, initial states and fit horizons
     steps : taken so far
     misfits : share of the observations with a misfit in the last step
     responsive : (n,) bool, which parameters any of the fitted points depends on
@@ -111,8 +112,8 @@ class JointFit:
     ) -> None:
         self.settings = settings
         self.prior = task.prior
-        self._model = TrajectoryModel(task, settings)
-        self._estimate = self._model.initial_estimate()
+        self.model = TrajectoryModel(task, settings)
+        self.estimate = self.model.initial_estimate()
         self.responsive = np.zeros(self.unit.size, dtype=bool)
         self._damping = FIRST_DAMPING
         self._settled = 0
@@ -122,21 +123,12 @@ class JointFit:
     @property
     def unit(self) -> NDArray[np.float64]:
         """The estimate of θ_s on the unit cube, (n,)."""
-        return self._estimate.unit
+        return self.estimate.unit
 
     @property
     def deviations(self) -> NDArray[np.float64]:
         """Standard deviation (n,) of each parameter, in widths, by the slopes of the last step."""
-        return self._estimate.deviations
-
-    @property
-    def simulations(self) -> int:
-        """Simulations of single observations, so far."""
-        return self._model.simulations
-
-    @simulations.setter
-    def simulations(self, count: int) -> None:
-        self._model.simulations = count
+        return self.estimate.deviations
 
     @property
     def settled(self) -> bool:
@@ -144,39 +136,14 @@ class JointFit:
         return self._settled >= SETTLED_STEPS
 
     @property
-    def posterior_simulations(self) -> int:
-        """Simulations of single observations that `posterior` takes."""
-        return self._model.curvature_simulations
-
-    @property
     def held_simulations(self) -> int:
         """Simulations of single observations that `return_if_better` takes, about."""
-        each = self.simulations / max(self.steps, 1)
+        each = self.model.simulations / max(self.steps, 1)
         return int(3 * (HELD_STEPS + 1) * each)
-
-    @property
-    def move_simulations(self) -> int:
-        """Simulations of single observations that `plausible_moves` takes at most."""
-        return self._model.move_simulations
-
-    def posterior(self) -> tuple[Posterior, NDArray[np.float64]]:
-        """Return the posterior at the estimate.
-
-        Returns `posterior`: from slopes to both sides; `deviations` (n,) widths, as
-        `TrajectoryModel.curvature_posterior`.
-        """
-        return self._model.curvature_posterior(self._estimate)
-
-    def plausible_moves(self, first: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how far each parameter can be moved, (n, 2) widths down and up.
-
-        `first` (n,) widths, as `TrajectoryModel.plausible_moves`.
-        """
-        return self._model.plausible_moves(self._estimate, first)
 
     def likelihoods(self, *, look_for_spins: bool = False) -> list[LocalLikelihood]:
         """Return the likelihood of θ_s near the estimate, of each observation."""
-        likelihoods = local_likelihoods(self._model, self._estimate)
+        likelihoods = local_likelihoods(self.model, self.estimate)
         if look_for_spins:
             for member, spins in self._other_spins().items():
                 likelihoods[member] = replace(likelihoods[member], spins=spins)
@@ -188,7 +155,7 @@ class JointFit:
         Each counts by its weight; one with another spin, which θ_s explains farther, in full.
         """
         evidence, likelihoods, others = SpinEvidence(), self.likelihoods(), self._other_spins()
-        for block, part in zip(self._model.blocks, self._estimate.fits, strict=True):
+        for block, part in zip(self.model.blocks, self.estimate.fits, strict=True):
             for member, weight in zip(block.members.tolist(), part.weights, strict=True):
                 if member in others:
                     evidence.add_all(others[member])
@@ -200,7 +167,7 @@ class JointFit:
         """Return what was found for each observation."""
         fits = {
             int(member): ObservationFit(part.estimate[k], part.deviations[k], part.horizons[k])
-            for block, part in zip(self._model.blocks, self._estimate.fits, strict=True)
+            for block, part in zip(self.model.blocks, self.estimate.fits, strict=True)
             for k, member in enumerate(block.members)
         }
         return [fits[member] for member in range(len(fits))]
@@ -211,10 +178,10 @@ class JointFit:
         Returns `lengths` (n_observations,) σ, as `fit_horizons.lengths_beyond`; `times`
         (n_observations,) s, where that is.
         """
-        model = self._model
+        model = self.model
         here = [model.space.to_parameters(self.unit)]
         beyond = np.full((2, len(model.cost.observations)), np.nan)
-        for block, part in model.parts(self._estimate):
+        for block, part in model.parts(self.estimate):
             residuals = residuals_at(
                 model.cost,
                 block,
@@ -239,9 +206,9 @@ class JointFit:
         `unit` (n,) θ_s on the unit cube; `deviations` (n,) widths, standard deviation of each
         parameter.
         """
-        self._estimate.unit = unit.copy()
-        self._estimate.deviations = deviations.copy()
-        for block, part in zip(self._model.blocks, self._estimate.fits, strict=True):
+        self.estimate.unit = unit.copy()
+        self.estimate.deviations = deviations.copy()
+        for block, part in zip(self.model.blocks, self.estimate.fits, strict=True):
             for k, member in enumerate(block.members):
                 fit = fits[member]
                 if fit is not None:
@@ -275,10 +242,10 @@ class JointFit:
         self, unit: NDArray[np.float64], fits: Sequence[ObservationFit]
     ) -> tuple[NDArray[np.float64], list[ObservationFit]]:
         """Fit initial states with θ_s held; return the loss (n_observations,) of each, and them."""
-        model = self._model
+        model = self.model
         fit = self._held_fit(model.task, unit, fits)
         losses = np.array([likelihood.loss for likelihood in fit.likelihoods()])
-        model.simulations += fit.simulations
+        model.simulations += fit.model.simulations
         return losses, fit.observation_fits()
 
     def _held_fit(
@@ -294,7 +261,7 @@ class JointFit:
         """
         prior = GaussianPrior(unit, HELD_PRECISION * np.eye(unit.size))
         fit = JointFit(replace(task, prior=prior), self.settings.with_fixed_horizons())
-        fit._model.widen_spins(spins or InitialSpins())
+        fit.model.widen_spins(spins or InitialSpins())
         fit.begin_at(unit, prior.deviations, fits)
         for _ in range(HELD_STEPS):
             fit.step()
@@ -305,8 +272,8 @@ class JointFit:
 
         θ_s and all other initial states stay as they are: a spin that is wrong does no harm there.
         """
-        model, fits = self._model, self.observation_fits()
-        others = model.other_spins(self._estimate)
+        model, fits = self.model, self.observation_fits()
+        others = model.other_spins(self.estimate)
         if not others:
             return {}
         members = np.array(sorted(others))
@@ -314,7 +281,7 @@ class JointFit:
         fit = self._held_fit(model.task.of(members), self.unit, begun, model.spins)
         likelihoods = fit.likelihoods()
         explained = np.zeros(members.size, dtype=bool)
-        for block, part in fit._model.parts(fit._estimate):
+        for block, part in fit.model.parts(fit.estimate):
             explained[block.members] = part.misfits == 0
         return {int(members[k]): likelihoods[k].spins for k in np.flatnonzero(explained)}
 
@@ -323,49 +290,49 @@ class JointFit:
 
         The parts are those of `docs/method/joint_estimation.md`, in the order of a step.
         """
-        linear = self._model.linearised(self._estimate)
+        linear = self.model.linearised(self.estimate)
         if self.steps in self.settings.scan_steps and self._leave_local_optima(linear):
-            linear = self._model.linearised(self._estimate)
+            linear = self.model.linearised(self.estimate)
         self.steps += 1
-        equations = self._weighted_by_agreement(self._model.equations(self._estimate, linear))
+        equations = self._weighted_by_agreement(self.model.equations(self.estimate, linear))
         self._note_responses(linear)
         goals, evidence = self._predict_beyond_horizons(linear, equations)
         self._take_best_damped_step(equations, goals)
         if self.settings.widens_spins:
-            self._model.widen_spins(evidence.initial_spins())
+            self.model.widen_spins(evidence.initial_spins())
 
     def state(self) -> dict[str, Any]:
         """Return plain data from which a fit to the same observations continues exactly."""
         return {
-            "unit": self._estimate.unit.tolist(),
-            "deviations": self._estimate.deviations.tolist(),
+            "unit": self.estimate.unit.tolist(),
+            "deviations": self.estimate.deviations.tolist(),
             "damping": self._damping,
             "settled": self._settled,
-            "simulations": self.simulations,
+            "simulations": self.model.simulations,
             "misfits": self.misfits,
             "steps": self.steps,
             "responsive": self.responsive.tolist(),
-            "spins": self._model.spins.to_dict(),
-            "fits": [part.state() for part in self._estimate.fits],
+            "spins": self.model.spins.to_dict(),
+            "fits": [part.state() for part in self.estimate.fits],
         }
 
     def load_state(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` returned."""
-        self._estimate.unit = np.array(state["unit"])
-        self._estimate.deviations = np.array(state["deviations"])
+        self.estimate.unit = np.array(state["unit"])
+        self.estimate.deviations = np.array(state["deviations"])
         self._damping = state["damping"]
         self._settled = state["settled"]
-        self.simulations = state["simulations"]
+        self.model.simulations = state["simulations"]
         self.misfits = state["misfits"]
         self.steps = state["steps"]
         self.responsive = np.array(state["responsive"])
-        self._model.widen_spins(InitialSpins.from_dict(state["spins"]))
-        for part, saved in zip(self._estimate.fits, state["fits"], strict=True):
+        self.model.widen_spins(InitialSpins.from_dict(state["spins"]))
+        for part, saved in zip(self.estimate.fits, state["fits"], strict=True):
             part.load_state(saved)
 
     def _weighted_by_agreement(self, equations: list[NormalEquations]) -> list[NormalEquations]:
         """Give each observation the weight with which it agrees with the others."""
-        posterior, eliminated = self._model.posterior(equations)
+        posterior, eliminated = self.model.posterior(equations)
         scores = self.prior.scores(self.unit)
         for part in eliminated:
             np.add.at(scores, part.parameters, part.scores)
@@ -376,7 +343,7 @@ class JointFit:
             -posterior.covariance @ scores,
             AGREEMENT_FREEDOM,
         )
-        for fits, weights in zip(self._estimate.fits, all_weights, strict=True):
+        for fits, weights in zip(self.estimate.fits, all_weights, strict=True):
             fits.weights = weights
         return [
             replace(each, weights=weights)
@@ -384,7 +351,7 @@ class JointFit:
         ]
 
     def _note_responses(self, linear: Sequence[Linearisation]) -> None:
-        for block, slopes in zip(self._model.blocks, linear, strict=True):
+        for block, slopes in zip(self.model.blocks, linear, strict=True):
             d = block.prior_deviations.shape[1]
             moving = (np.abs(slopes.slopes[:, d:]) > SMALLEST_RESPONSE).any(axis=(2, 3))
             self.responsive[block.parameters[moving]] = True
@@ -397,14 +364,14 @@ class JointFit:
         Returns `goals` (W,) of each block, s, how far its horizons may go; `evidence`: of how balls
         are thrown.
         """
-        posterior, eliminated = self._model.posterior(equations)
-        self._estimate.deviations = posterior.deviations
+        posterior, eliminated = self.model.posterior(equations)
+        self.estimate.deviations = posterior.deviations
         goals, evidence = [], SpinEvidence()
         for (block, part), slopes, equation, left in zip(
-            self._model.parts(self._estimate), linear, equations, eliminated, strict=True
+            self.model.parts(self.estimate), linear, equations, eliminated, strict=True
         ):
             covariances = posterior.state_covariances(equation, left)
-            spins = self._model.spin_likelihoods(block, part, covariances)
+            spins = self.model.spin_likelihoods(block, part, covariances)
             for likelihood, weight in zip(spins, part.weights, strict=True):
                 evidence.add_all(likelihood, float(weight))
             part.deviations = np.sqrt(np.einsum("wdd->wd", covariances))
@@ -420,15 +387,15 @@ class JointFit:
         self, equations: Sequence[NormalEquations], goals: list[NDArray[np.float64]]
     ) -> None:
         """Take the best of several damped steps, each initial state its own, and move horizons."""
-        model = self._model
-        estimates = [part.estimate for _, part in model.parts(self._estimate)]
+        model = self.model
+        estimates = [part.estimate for _, part in model.parts(self.estimate)]
         units, states = proposals(self.unit, self.prior, estimates, equations, self._damping)
         candidates = [model.space.to_parameters(unit) for unit in units]
         # Each θ_s with the initial states that go with it, and with the present ones.
         index = np.concatenate([np.arange(len(units)), np.arange(1, len(units))])
         losses = self.prior.losses(units)
         tried = []
-        for k, (block, part) in enumerate(model.parts(self._estimate)):
+        for k, (block, part) in enumerate(model.parts(self.estimate)):
             trying = np.concatenate([states[k], np.tile(part.estimate, (len(units) - 1, 1, 1))])
             residuals = residuals_at(
                 model.cost, block, trying, candidates, index[:, None], part.horizons
@@ -439,8 +406,8 @@ class JointFit:
                 losses[u] += (part.weights * part_losses[index == u].min(axis=0)).sum()
             tried.append((trying, residuals, part_losses))
         best = int(np.argmin(losses))
-        moved = np.abs(units[best] - self.unit) / self._estimate.deviations
-        self._estimate.unit = units[best]
+        moved = np.abs(units[best] - self.unit) / self.estimate.deviations
+        self.estimate.unit = units[best]
         self._damping = next_damping(self._damping, best)
         advanced = self._take_states(np.flatnonzero(index == best), tried, goals)
         settled = moved.max() < SETTLED_MOVE and not advanced
@@ -455,7 +422,7 @@ class JointFit:
         """Take the best initial states among options; return whether any horizon moved."""
         advanced, misfits = False, 0
         for (block, part), (trying, residuals, losses), goal in zip(
-            self._model.parts(self._estimate), tried, goals, strict=True
+            self.model.parts(self.estimate), tried, goals, strict=True
         ):
             pick = options[np.argmin(losses[options], axis=0)]
             every = np.arange(block.members.size)
@@ -465,24 +432,24 @@ class JointFit:
             )
             advanced |= moving
             misfits += failing
-        self.misfits = misfits / len(self._model.cost.observations)
+        self.misfits = misfits / len(self.model.cost.observations)
         return advanced
 
     def _leave_local_optima(self, linear: Sequence[Linearisation]) -> bool:
         """Move parameters to where on their range they fit better; return whether any moved."""
         places = SCAN_LEVELS
-        rises, state_estimates = self._model.scanned(self._estimate, linear, places)
+        rises, state_estimates = self.model.scanned(self.estimate, linear, places)
         levels = np.argmin(rises, axis=1)
-        moves = compatible_moves(-rises.min(axis=1), self._model.task.influence, SMALLEST_SCAN_GAIN)
+        moves = compatible_moves(-rises.min(axis=1), self.model.task.influence, SMALLEST_SCAN_GAIN)
         for (block, part), estimates in zip(
-            self._model.parts(self._estimate), state_estimates, strict=True
+            self.model.parts(self.estimate), state_estimates, strict=True
         ):
             for parameter in moves:
                 rows, columns = np.nonzero(block.parameters == parameter)
                 part.estimate[rows] = estimates[columns, levels[parameter], rows]
-        unit = self._estimate.unit.copy()
+        unit = self.estimate.unit.copy()
         unit[moves] = np.array(places)[levels[moves]]
-        self._estimate.unit = unit
+        self.estimate.unit = unit
         return bool(moves)
 
 

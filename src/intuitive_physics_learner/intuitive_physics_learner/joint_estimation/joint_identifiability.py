@@ -67,7 +67,7 @@ def joint_identifiability(
     fit, searched, active = staged.joint, task.searched, task.active
     parameters = searched.to_parameters(fit.unit)
     began = seconds_left()
-    posterior, sided = fit.posterior()
+    posterior, sided = fit.model.curvature_posterior(fit.estimate)
     # Those of both halves take about as long as this one.
     reserved = began - seconds_left() if np.isfinite(began) else 0.0
     free, ends = np.zeros((sided.size, 2)), sided
@@ -117,7 +117,7 @@ def one_sided_moves(
     their ends; `sided` for the other parameters.
     """
     least = ONE_SIDED_DEVIATIONS * UNIFORM
-    moves = fit.plausible_moves(least * deviations)
+    moves = fit.model.plausible_moves(fit.estimate, least * deviations)
     ends = np.maximum(deviations, moves.min(axis=1) / UNIFORM)
     one_sided = (moves.max(axis=1) > least * ends) & (ends < LARGEST_DEVIATION)
     return np.where(one_sided[:, None], moves, 0.0), np.where(one_sided, ends, sided)
@@ -224,7 +224,8 @@ def _agreed(
         for part in fits:
             if not part.settled and not (part.steps and out_of_time()):
                 part.step()
-    first, second = (Half(part.joint.unit, part.joint.posterior()[1]) for part in fits)
+    joints = [part.joint for part in fits]
+    first, second = (Half(j.unit, j.model.curvature_posterior(j.estimate)[1]) for j in joints)
     families = _families(task.searched.names)
     return agreed_deviations(fit.unit, deviations, (first, second), families, free)
 

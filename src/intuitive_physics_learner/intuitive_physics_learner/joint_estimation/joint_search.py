@@ -114,11 +114,11 @@ class JointSearch(Search):
         if self.lowers_cost or self.iterations == 0:
             return super().identifiability_seconds(task, seconds)
         # The fits to both halves simulate as much as the fit to all.
-        simulations = max(self.fit.simulations, 1)
-        judged = 2 * self.fit.posterior_simulations + self.fit.move_simulations
+        model = self.fit.model
+        judged = 2 * model.curvature_simulations + model.move_simulations
         if task.start_was_learned:
             judged += self.fit.held_simulations
-        return seconds * (1.0 + judged / simulations)
+        return seconds * (1.0 + judged / max(model.simulations, 1))
 
     def initial_spins(self) -> InitialSpins:
         """From the posterior of each initial spin; unknown where J was lowered instead."""
@@ -155,7 +155,7 @@ class JointSearch(Search):
 
     def _evaluate(self, relative_gain: float) -> None:
         (cost,) = self._cost.costs([self.best_parameters]).tolist()
-        self.fit.simulations += len(self._cost.observations)
+        self.fit.model.simulations += len(self._cost.observations)
         if cost < self._lowest_cost:
             self._lowest, self._lowest_cost = self.fit.unit, cost
         self._count(cost, relative_gain)
@@ -163,6 +163,6 @@ class JointSearch(Search):
     def _count(self, cost: float, relative_gain: float) -> None:
         """Count simulations as evaluations of J, the last of which found `cost` m."""
         observations = len(self._cost.observations)
-        simulations = self.fit.simulations + self._descent.simulations
+        simulations = self.fit.model.simulations + self._descent.simulations
         while self.iterations * observations < simulations:
             self._record(cost, relative_gain)

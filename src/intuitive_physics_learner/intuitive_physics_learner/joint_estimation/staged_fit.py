@@ -90,9 +90,9 @@ class StagedFit:
         self.steps += 1
         unfinished = self._unfinished()
         for part in unfinished:
-            before = part.fit.simulations
+            before = part.fit.model.simulations
             part.fit.step()
-            self.joint.simulations += part.fit.simulations - before
+            self.joint.model.simulations += part.fit.model.simulations - before
         if unfinished:
             self._take_over()
         else:

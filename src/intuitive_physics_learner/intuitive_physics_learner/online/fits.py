@@ -106,7 +106,7 @@ class LoneFit:
     @property
     def simulations(self) -> int:
         """Simulations of the observation so far."""
-        return self._fit.simulations
+        return self._fit.model.simulations
 
     @property
     def observation_fit(self) -> ObservationFit:

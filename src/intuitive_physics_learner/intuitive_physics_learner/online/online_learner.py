@@ -421,7 +421,7 @@ class OnlineLearner:
             run(other, RESTART_STEPS, seconds_left)
             fit = better_fit(task, fit, other)
         self._take_over(fit, parameters, prior)
-        self.simulations += fit.simulations
+        self.simulations += fit.model.simulations
 
     def _restarts(self) -> bool:
         """Whether a fit from the beginning is tried: at a number of observations that doubles."""

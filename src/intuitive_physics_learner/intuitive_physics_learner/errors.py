@@ -20,9 +20,9 @@ class UnknownMethodError(UnknownNameError):
     """No method of learning has the name given."""
 
     @classmethod
-    def among(cls, name: str, known: Iterable[str]) -> UnknownMethodError:
-        """Return the error for a name that is none of those known."""
-        return cls(f"method is {name!r}; expected one of {', '.join(sorted(known))}")
+    def among(cls, name: str, methods: Iterable[str]) -> UnknownMethodError:
+        """Return the error for a name that is none of those of methods."""
+        return cls(f"method is {name!r}; expected one of {', '.join(sorted(methods))}")
 
 
 class MissingDependencyError(IntuitivePhysicsError):

@@ -284,7 +284,7 @@ def _begin(
         start_was_learned=previous.version > 0,
     )
     prior = None if given is None else _given_prior(task, given)
-    return previous, replace(task, known=prior)
+    return previous, replace(task, knowledge=prior)
 
 
 def _given_prior(task: LearningTask, given: GivenKnowledge) -> GaussianPrior | None:

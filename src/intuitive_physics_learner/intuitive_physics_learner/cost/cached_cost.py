@@ -32,7 +32,7 @@ class CachedCost(Cost):
         self._cost = cost
         influence = parameter_influence(cost.observations, cost.materials)
         self._own = [np.flatnonzero(row) for row in influence]
-        self._known: list[OrderedDict[bytes, NDArray[np.float64]]] = [
+        self._cached: list[OrderedDict[bytes, NDArray[np.float64]]] = [
             OrderedDict() for _ in cost.observations
         ]
         self.simulated = 0
@@ -48,11 +48,11 @@ class CachedCost(Cost):
         answers: dict[tuple[int, bytes], NDArray[np.float64]] = {}
         missing: dict[tuple[int, bytes], int] = {}
         for trial, ((_, i), key) in enumerate(zip(places, keys, strict=True)):
-            cached = self._known[i].get(key)
+            cached = self._cached[i].get(key)
             if cached is None:
                 missing.setdefault((i, key), trial)
             else:
-                self._known[i].move_to_end(key)
+                self._cached[i].move_to_end(key)
                 answers[i, key] = cached
         if missing:
             chosen = np.array(list(missing.values()))
@@ -67,7 +67,7 @@ class CachedCost(Cost):
         return self._cost.trial_residuals(trials)
 
     def _remember(self, observation: int, key: bytes, distances: NDArray[np.float64]) -> None:
-        cached = self._known[observation]
+        cached = self._cached[observation]
         cached[key] = distances
         if len(cached) > REMEMBERED:
             cached.popitem(last=False)

@@ -95,14 +95,16 @@ class AboutParameters(Question):
         """
         return np.eye(posterior.mean.size)[self.indices(posterior.space.names)]
 
-    def indices(self, known: Sequence[str]) -> list[int]:
+    def indices(self, all_names: Sequence[str]) -> list[int]:
         """Return the index of each among the names of all parameters."""
-        places = {parameter_key(name): k for k, name in enumerate(known)}
+        places = {parameter_key(name): k for k, name in enumerate(all_names)}
         indices = []
         for name in self.names:
             key = parameter_key(name.strip())
             if key not in places:
-                raise UnknownNameError(f"parameter is {name!r}; expected one of {', '.join(known)}")
+                raise UnknownNameError(
+                    f"parameter is {name!r}; expected one of {', '.join(all_names)}"
+                )
             indices.append(places[key])
         if not indices or len(set(indices)) != len(indices):
             raise InvalidInputError(

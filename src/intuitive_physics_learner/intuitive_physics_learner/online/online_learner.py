@@ -10,16 +10,8 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import UnsupportedSceneError
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.materials import (
-    PAIR_COEFFICIENTS,
-    material_pairs,
-)
+from intuitive_physics.materials import PAIR_COEFFICIENTS, material_pairs
 from intuitive_physics.observation import Observation
-from intuitive_physics.parameter_posterior import (
-    LARGEST_DEVIATION,
-    UNIFORM_PRECISION,
-    ParameterPosterior,
-)
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
@@ -27,17 +19,12 @@ from intuitive_physics_learner.cost.parameter_influence import parameter_influen
 from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import SpinEvidence
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.point_noise import detected
-from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.online.change_point import find_change
 from intuitive_physics_learner.online.fits import LoneFit, better_fit, run, window_fit
-from intuitive_physics_learner.online.information import (
-    Information,
-    agreement_weights,
-    jackknife_variances,
-)
+from intuitive_physics_learner.online.information import Information, agreement_weights
 from intuitive_physics_learner.online.online_state import Member, OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
-from intuitive_physics_learner.search.identifiability import widened_information
+from intuitive_physics_learner.online.publication import next_version, should_publish
 from intuitive_physics_learner.search.learning_task import FitTask, GaussianPrior
 from intuitive_physics_learner.search.search_space import ActiveSpace
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
@@ -71,16 +58,6 @@ throws of tumbling bodies 0.6 to 0.7 can be, of balls 0.9."""
 LARGEST_SCORE = 3.0
 """Largest change of the prequential score by one observation: a likelihood ratio of e³ ≈ 20, so
 that no single one decides."""
-
-SURPRISING_MOVE = 4.0
-"""Move of a parameter in standard deviations of what is published, beyond which it needs the
-evidence of a later observation: a chance of 6e-5."""
-
-SMALLEST_MOVE = 0.1
-"""Move of a parameter in its standard deviations that is worth a new version; set by hand."""
-
-SMALLEST_NARROWING = 0.05
-"""Part by which a standard deviation must change to be worth a new version; set by hand."""
 
 FREEDOM = 4.0
 """Degrees of freedom of Student's distribution by which observations that contradict all others
@@ -206,13 +183,13 @@ class OnlineLearner:
         state = self.state
         whole = learned.extended(state.materials)
         state.published = whole
-        posterior = whole.whole_posterior().within(self.state.space.bounds)
+        posterior = whole.whole_posterior().within(state.space.bounds)
         mean = posterior.mean
         # What is known of the others given the held values, which lie at the mean.
-        factor = np.where(self.state.held, 0.0, posterior.factor)
+        factor = np.where(state.held, 0.0, posterior.factor)
         information = Information.about(mean, factor.T @ factor)
         state.centre, state.unit = mean.copy(), mean.copy()
-        state.retired = information if informed else self.state.given()
+        state.retired = information if informed else state.given()
         state.posterior = state.retired.copy()
         state.window, state.doubtful = [], []
         state.retired_spins = SpinEvidence.about(
@@ -228,16 +205,6 @@ class OnlineLearner:
         """Observations without which the state cannot go on, a bounded number."""
         return list(self._observations.values())
 
-    @property
-    def widening(self) -> NDArray[np.float64]:
-        """Factors (n,) by which the stated standard deviations are too small, at least 1.
-
-        A posterior mean is a martingale: the variance of a move is that by which the posterior
-        narrows. An estimate that moves more than this was less certain than it was stated to be.
-        """
-        state = self.state
-        return np.sqrt(np.maximum((1.0 + state.moves) / (1.0 + state.narrowings), 1.0))
-
     def _influence(self, observations: Sequence[Observation]) -> NDArray[np.bool_]:
         """Which observation can tell of which parameter, (n_observations, n)."""
         influence = parameter_influence(observations, self.state.materials)
@@ -247,16 +214,16 @@ class OnlineLearner:
         """Predict an observation, then take it into the window or set it aside."""
         state = self.state
         state.processed += 1
-        self.state.know_materials(observation.materials)
+        state.know_materials(observation.materials)
         self._forget_until(observation.start_time)
         (influence,) = self._influence([observation])
         if not influence.any():
             return
         try:
             cost = TrajectoryCost([detected(observation)], self._simulator, state.materials)
-            fit = self._lone_fit(cost, influence, self.state.prior)
+            fit = self._lone_fit(cost, influence, state.prior)
             if fit.blocked:
-                fit = self._lone_fit(cost, influence, self.state.prior, careful=True)
+                fit = self._lone_fit(cost, influence, state.prior, careful=True)
         except UnsupportedSceneError as error:
             self.problem = f"observation {observation.id} is passed over: {error}"
             self._assessments.append(Assessment(observation.id, 0.0, str(error), DOUBTFUL))
@@ -308,7 +275,7 @@ class OnlineLearner:
         if not fit.blocked:
             return None
         (observation,) = cost.observations
-        nothing = Information.none(state.centre.size).prior(self.state.prior.mean)
+        nothing = Information.none(state.centre.size).prior(state.prior.mean)
         free = self._lone_fit(cost, influence, nothing, scans=FREE_SCANS)
         horizon = max(free.observation_fit.horizon, fit.observation_fit.horizon)
         gain = free.log_evidence(horizon) - fit.log_evidence(horizon)
@@ -345,7 +312,7 @@ class OnlineLearner:
         observation = self._observations[member.id]
         (influence,) = self._influence([observation])
         cost = TrajectoryCost([detected(observation)], self._simulator, state.materials)
-        fit = self._lone_fit(cost, influence, self.state.prior)
+        fit = self._lone_fit(cost, influence, state.prior)
         del state.doubtful[0]
         if fit.blocked:
             state.doubtful.append(member)
@@ -384,7 +351,7 @@ class OnlineLearner:
         last, state.time = state.time, stamp if state.time is None else max(state.time, stamp)
         if last is not None and self._options.time_constant > 0.0:
             factor = float(np.exp(-(state.time - last) / self._options.time_constant))
-            given = self.state.given()
+            given = state.given()
             for information in (state.retired, state.posterior):
                 information.discount(factor)
                 information.join(given, 1.0 - factor)
@@ -409,10 +376,10 @@ class OnlineLearner:
         prior = state.retired.prior(state.centre)
         points = [detected(each) for each in observations]
         cost = TrajectoryCost(points, self._simulator, state.materials)
-        space = ActiveSpace(self.state.space, active, self.state.parameters)
+        space = ActiveSpace(state.space, active, state.parameters)
         task = FitTask(cost, space, influence[:, active], prior.marginal(parameters))
         scans = (2,) if self._scans() else ()
-        deviations = self.state.prior.deviations[parameters]
+        deviations = state.prior.deviations[parameters]
         fit = window_fit(task, scans)
         fit.begin_at(state.unit[parameters], deviations, [member.fit for member in state.window])
         run(fit, WINDOW_STEPS, seconds_left)
@@ -432,7 +399,7 @@ class OnlineLearner:
     def _note_move(self, unit: NDArray[np.float64], variances: NDArray[np.float64]) -> None:
         """Compare the move from an estimate (n,) with the variances (n,), widths², it had."""
         state, kept = self.state, np.exp(-1.0 / MEMORY)
-        after = self.state.prior.deviations**2
+        after = state.prior.deviations**2
         move = (state.unit - unit) ** 2 / after
         narrowing = np.maximum(variances - after, 0.0) / after
         # The first observations narrow so much that nothing else would count beside them.
@@ -488,7 +455,7 @@ class OnlineLearner:
         state = self.state
         while len(state.window) > self._options.window:
             covariance: NDArray[np.float64] = np.asarray(
-                np.linalg.inv(self.state.prior.precision), dtype=np.float64
+                np.linalg.inv(state.prior.precision), dtype=np.float64
             )
             newest = state.processed - RECENT
             old = [member for member in state.window if member.number <= newest] or state.window[:1]
@@ -532,13 +499,13 @@ class OnlineLearner:
             self._retire_member(member)
         members = families[change.pair]
         state.retired.forget(members)
-        state.retired.join(self.state.given().part(members))
+        state.retired.join(state.given().part(members))
         state.moves[members], state.narrowings[members] = 0.0, 0.0
         for member in [member for member in state.doubtful if member in after]:
             state.doubtful.remove(member)
             self._take_back(member)
         self._update_weights()
-        state.unit = np.clip(self.state.prior.mean, 0.0, 1.0)
+        state.unit = np.clip(state.prior.mean, 0.0, 1.0)
         self._fit_window(seconds_left)
 
     def _count_of(self, parameters: NDArray[np.int64]) -> int:
@@ -557,89 +524,15 @@ class OnlineLearner:
         }
 
     def _publish(self) -> None:
-        """Publish the candidate if it predicted as well, and says something new."""
+        """Publish the estimate if it predicted as well, and says something new."""
         state = self.state
-        if state.posterior.matrix.any() and self._is_worth_publishing():
-            if state.published is not None and self._surprises() and not state.compared:
-                return
-            if state.score < 0.0:
-                return
-            state.published = self._learned()
-            state.published_information = state.posterior.copy()
-            state.score, state.compared = 0.0, 0
-
-    def _surprises(self) -> bool:
-        """Whether the candidate is farther from what is published than that allows."""
-        published = self.state.published_information.prior(self.state.centre)
-        away = np.abs(self.state.unit - published.mean)
-        return bool((away > SURPRISING_MOVE * published.deviations).any())
-
-    def _is_worth_publishing(self) -> bool:
-        state = self.state
-        if state.published is None:
-            return True
-        published = state.published_information.prior(state.centre)
-        deviations = self.state.prior.deviations
-        moved = np.abs(state.unit - published.mean) > SMALLEST_MOVE * deviations
-        changed = np.abs(deviations / published.deviations - 1.0) > SMALLEST_NARROWING
-        return bool((moved | changed).any()) or self._has_new_spins()
-
-    def _has_new_spins(self) -> bool:
-        """Whether how balls are thrown is worth a new version, as the parameters are."""
-        state = self.state
-        before = {} if state.published is None else state.published.initial_spins.by_material
-        for material, now in state.initial_spins().by_material.items():
-            if material not in before:
-                return True
-            old, error = before[material], now.relative_error
-            moved = abs(np.log(now.deviation / old.deviation)) > SMALLEST_MOVE * error
-            if moved or abs(error / old.relative_error - 1.0) > SMALLEST_NARROWING:
-                return True
-        return False
-
-    def _learned(self) -> LearnedParameters:
-        """Return the candidate as the next version of θ_s."""
-        state, space, held = self.state, self.state.space, self.state.held
-        parameters = self.state.parameters
-        factors = self.widening
-        widths = np.maximum(factors * self.state.prior.deviations, self._jackknife_deviations())
-        information = widened_information(state.posterior.matrix, factors, widths)
-        posterior = ParameterPosterior.from_information(
-            state.materials, space.to_unit(parameters), information, space.bounds
-        )
-        given = None if state.published is None else state.published.given
-        if given is not None:
-            posterior = given.imposed_on(posterior, parameters)
-        identified = held | (widths < LARGEST_DEVIATION)
-        slopes = space.slopes(state.unit)
-        covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(widths.size))
-        covariance[held], covariance[:, held] = 0.0, 0.0
-        deviations = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
+        if not should_publish(state):
+            return
         observations = [self._observations[member.id] for member in state.window]
-        cost = TrajectoryCost(observations, self._simulator, state.materials).costs([parameters])[0]
-        return LearnedParameters(
-            parameters=parameters,
-            standard_deviations=np.where(held, 0.0, np.where(identified, deviations, np.nan)),
-            identified=identified,
-            version=(0 if state.published is None else state.published.version) + 1,
-            cost=float(cost),
-            observation_count=state.processed - state.set_aside,
-            method=JOINT_METHOD,
-            posterior=posterior,
-            given=given,
-            initial_spins=state.initial_spins(),
-        )
-
-    def _jackknife_deviations(self) -> NDArray[np.float64]:
-        """Standard deviations (n,), widths, by leaving out each observation of the window."""
-        state = self.state
-        variances = jackknife_variances(
-            state.posterior,
-            state.centre,
-            [member.likelihood for member in state.window],
-            np.array([member.weight for member in state.window]),
-        )
-        return np.sqrt(np.minimum(variances, 1.0 / UNIFORM_PRECISION))
+        cost = TrajectoryCost(observations, self._simulator, state.materials)
+        state.published = next_version(state, float(cost.costs([state.parameters])[0]))
+        state.published_information = state.posterior.copy()
+        state.score, state.compared = 0.0, 0
 
     def _drop_observations(self) -> None:
         members = (*self.state.window, *self.state.doubtful)

@@ -108,7 +108,7 @@ class LearningTask:
     space : bounds of all parameters
     influence : (n_observations, |θ_s|) bool, as `parameter_influence`
     start : θ_s to begin from
-    known : of the active parameters, before these observations; None: only their bounds
+    knowledge : of the active parameters, before these observations; None: only their bounds
     detected_cost : over the same observations as they were detected, before any smoothing, for
         methods that fit points with their noise; None: they are those of `cost`
     start_was_learned : whether the start was learned before, so that it must not be replaced by
@@ -119,7 +119,7 @@ class LearningTask:
     space: ParameterSpace
     influence: NDArray[np.bool_]
     start: StaticParameters
-    known: GaussianPrior | None = None
+    knowledge: GaussianPrior | None = None
     detected_cost: Cost | None = None
     start_was_learned: bool = False
 
@@ -141,7 +141,7 @@ class LearningTask:
     @property
     def prior(self) -> GaussianPrior:
         """What is known of the active parameters before these observations."""
-        return self.known or GaussianPrior.uninformative(self.begin)
+        return self.knowledge or GaussianPrior.uninformative(self.begin)
 
     @property
     def fit_task(self) -> FitTask:

@@ -85,8 +85,11 @@ class ObservationStore:
     Raises
     ------
     StorageError
-        When the file cannot be opened or written, is seen to be damaged, is not a database of this
-        suite, or was written by a newer version of it. The file is left as it is.
+        When the file cannot be opened, read or written, here and in every method; when it is
+        damaged, is not a database of this suite, or was written by a newer version of it. The file
+        is left as it is.
+    UnknownNameError
+        By methods that take ids or statuses, when there is none of that name; then nothing changes.
     """
 
     def __init__(self, path: str | os.PathLike[str], busy_timeout: float | None = None) -> None:
@@ -129,8 +132,6 @@ class ObservationStore:
             When it could not be read again, or there would be too many materials (`limits`).
         DatabaseFullError
             When the file would grow beyond `largest_database`.
-        StorageError
-            When the file cannot be written.
         """
         return self.add_all([observation]) == 1
 
@@ -205,11 +206,6 @@ class ObservationStore:
         after : only observations with a higher number
         limit : entries at most; negative: no limit. Give the last number as `after` to go on
         newest : the newest first instead of in the order in which they came
-
-        Raises
-        ------
-        UnknownNameError
-            When no observation has one of the ids, or there is no such status.
         """
         with self._database.reading() as connection:
             return list_entries(connection, ids, statuses, after, limit=limit, newest=newest)
@@ -217,14 +213,8 @@ class ObservationStore:
     def observations(self, ids: Sequence[str] = ()) -> list[Observation]:
         """Return observations in the order in which they came: those used, or those with the ids.
 
-        One that is used and whose text cannot be read is marked as unreadable and left out.
-
-        Raises
-        ------
-        UnknownNameError
-            When no observation has one of the ids.
-        StorageError
-            When the file, or one of those asked for by its id, cannot be read.
+        One that is used and whose text cannot be read is marked as unreadable and left out. Raises
+        `StorageError` when one of those asked for by its id cannot be read.
         """
         if not ids:
             return [observation for _, observation in self.each_observation()]
@@ -264,23 +254,14 @@ class ObservationStore:
             after = entries[-1].number
 
     def exclude(self, ids: Sequence[str], reason: str = EXCLUDED_BY_USER) -> int:
-        """Leave observations out of learning, until they are included; return how many changed.
-
-        Raises `UnknownNameError` when no observation has one of the ids; then none changes.
-        """
+        """Leave observations out of learning, until they are included; return how many changed."""
         return self._set_status(ids, EXCLUDED, 0.0, reason)
 
     def include(self, ids: Sequence[str]) -> int:
         """Learn from observations again that were excluded or set aside; return how many changed.
 
-        No learner sets them aside again.
-
-        Raises
-        ------
-        UnknownNameError
-            When no observation has one of the ids; then none changes.
-        StorageError
-            When one of them cannot be read; then none changes.
+        No learner sets them aside again. Raises `StorageError` when one of them cannot be read;
+        then none changes.
         """
         self.observations(ids)
         return self._set_status(ids, USED, 1.0, INCLUDED_BY_USER)
@@ -300,10 +281,7 @@ class ObservationStore:
             return _assess(connection, assessments)
 
     def delete(self, ids: Sequence[str]) -> int:
-        """Delete observations for good; return how many there were.
-
-        Raises `UnknownNameError` when no observation has one of the ids; then none is deleted.
-        """
+        """Delete observations for good; return how many there were."""
         with self._database.writing() as connection:
             check_ids(connection, ids)
             return connection.execute(
@@ -332,8 +310,6 @@ class ObservationStore:
 
         Raises
         ------
-        UnknownNameError
-            When no observation has one of the ids.
         InvalidInputError
             When the folder or a file cannot be written.
         """
@@ -356,11 +332,6 @@ class ObservationStore:
         """Read the whole file and every observation, and return those that cannot be read.
 
         They are marked so; those that were marked and can be read are used again.
-
-        Raises
-        ------
-        StorageError
-            When the file is damaged.
         """
         damage = self._database.damage()
         if damage:
@@ -384,12 +355,7 @@ class ObservationStore:
     def add_parameters(self, learned: LearnedParameters) -> LearnedParameters:
         """Store θ_s as the next version and return it with its version.
 
-        Raises
-        ------
-        InvalidInputError
-            When there would be too many materials (`limits`).
-        StorageError
-            When the file cannot be written.
+        Raises `InvalidInputError` when there would be too many materials (`limits`).
         """
         while True:
             stored = self.add_improvement(learned, on=self.newest_version())
@@ -475,13 +441,7 @@ class ObservationStore:
         return dict(self._unreadable_versions)
 
     def parameters(self, version: int) -> LearnedParameters:
-        """Return θ_s of one version.
-
-        Raises
-        ------
-        UnknownNameError
-            When there is none of that version.
-        """
+        """Return θ_s of one version; raises `UnknownNameError` when there is no such version."""
         with self._database.reading() as connection:
             row = connection.execute(
                 "SELECT json FROM learned_parameters WHERE version = ?", (version,)

@@ -82,9 +82,9 @@ def track_noises(observations: Sequence[Observation]) -> list[list[TrackNoise]]:
     tracks = [track for observation in observations for track in observation.objects]
     units = [_unit_whitening(track) for track in tracks]
     lengths = [_difference_lengths(track, unit) for track, unit in zip(tracks, units, strict=True)]
-    variances = _track_variances(tracks, lengths, POOLED_DIFFERENCES)
+    variances = _track_variances(tracks, lengths)
     noises = iter(
-        _track_noise(track, unit, variance, SMALLEST_NOISE)
+        _track_noise(track, unit, variance)
         for track, unit, variance in zip(tracks, units, variances, strict=True)
     )
     return [[next(noises) for _ in observation.objects] for observation in observations]
@@ -97,10 +97,7 @@ def position_noise(observations: Sequence[Observation]) -> float:
         for observation in observations
         for track in observation.objects
     ]
-    pooled = np.concatenate(lengths)
-    if pooled.size == 0:
-        return SMALLEST_NOISE
-    return max(float(np.median(pooled)) / MEDIAN_LENGTH_3, SMALLEST_NOISE)
+    return float(np.fmax(_pooled_noise(lengths), SMALLEST_NOISE))
 
 
 def _detections_of(track: ObservedObject) -> Detections | None:
@@ -155,38 +152,39 @@ def _difference_lengths(
     return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", middle, differences), axis=1))
 
 
+def _pooled_noise(lengths: Sequence[NDArray[np.float64]]) -> float:
+    """Standard deviation on each axis by the lengths of all tracks; NaN where there are none."""
+    pooled = np.concatenate([*lengths, np.empty(0)])
+    return float(np.median(pooled)) / MEDIAN_LENGTH_3 if pooled.size else np.nan
+
+
 def _track_variances(
-    tracks: Sequence[ObservedObject], lengths: Sequence[NDArray[np.float64]], pooled: float
+    tracks: Sequence[ObservedObject], lengths: Sequence[NDArray[np.float64]]
 ) -> NDArray[np.float64]:
     """Variance (n_tracks,) of whitened errors; NaN where no track of that kind has differences."""
     variances = np.full(len(tracks), np.nan)
     has_detections = np.array([_detections_of(track) is not None for track in tracks])
     for kind in (False, True):
         members = np.flatnonzero(has_detections == kind).tolist()
-        kind_lengths = [lengths[i] for i in members]
-        together = np.concatenate([*kind_lengths, np.empty(0)])
-        if together.size == 0:
-            continue
-        common = (float(np.median(together)) / MEDIAN_LENGTH_3) ** 2
+        common = _pooled_noise([lengths[i] for i in members]) ** 2
         for i in members:
             count = lengths[i].size
-            single = (np.median(lengths[i]) / MEDIAN_LENGTH_3) ** 2 if count else common
-            variances[i] = (count * single + pooled * common) / (count + pooled)
+            single = _pooled_noise([lengths[i]]) ** 2 if count else common
+            total = count * single + POOLED_DIFFERENCES * common
+            variances[i] = total / (count + POOLED_DIFFERENCES)
     return variances
 
 
-def _track_noise(
-    track: ObservedObject, unit: NDArray[np.float64], variance: float, smallest: float
-) -> TrackNoise:
+def _track_noise(track: ObservedObject, unit: NDArray[np.float64], variance: float) -> TrackNoise:
     detections = _detections_of(track)
     if detections is None:
         state = np.trace(track.initial_state.covariance[POSITION, POSITION]) / 3.0
         smoothed = state if _is_smoothed(track) else 0.0
-        length = np.sqrt(np.nanmax([variance, smoothed, smallest**2]))
+        length = np.sqrt(np.nanmax([variance, smoothed, SMALLEST_NOISE**2]))
         return TrackNoise(unit / length, np.zeros((3, 3)))
     factor = np.sqrt(1.0 if np.isnan(variance) else variance)
     values, axes = np.linalg.eigh(detections.bias)
     shared = (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
     # No component of an error is smaller than the smallest noise.
     left, scales, right = np.linalg.svd(unit / max(factor, np.finfo(float).tiny))
-    return TrackNoise((left * np.minimum(scales, 1.0 / smallest)[:, None]) @ right, shared)
+    return TrackNoise((left * np.minimum(scales, 1.0 / SMALLEST_NOISE)[:, None]) @ right, shared)

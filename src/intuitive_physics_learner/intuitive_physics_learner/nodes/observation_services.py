@@ -103,7 +103,7 @@ class ObservationQueue:
         Where too many wait it is lost, which a `StorageError` says.
         """
         with self._changed:
-            points = sum(batch.point_count for batch in self._waiting)
+            points = sum(each.point_count for each in self._waiting)
             full = points + observation.point_count > LARGEST_QUEUE_POINTS
             if len(self._waiting) >= LARGEST_QUEUE or (self._waiting and full):
                 self._lost += 1

@@ -148,6 +148,10 @@ class Caller:
     def add(self, observation):
         return self.call(AddObservation, observation=observation_to_message(observation))
 
+    def add_all(self, observations):
+        for observation in observations:
+            self.add(observation)
+
     def start_goal(self, options, feedback=None):
         """Send a goal and return its handle and the future of its result."""
         self.greet_action()
@@ -446,8 +450,7 @@ def test_a_mistake_of_ours_is_an_internal_error(start, caller, glides):
 
 def test_two_processes_learn_the_same_as_one(start, caller, throws, tmp_path):
     node = start("simulator:=event_driven", "cluster:=local:2", own_group=True)
-    for observation in throws(5, 0):
-        caller.add(observation)
+    caller.add_all(throws(5, 0))
     options = LearningOptions(max_iterations=300, seed=1)
     future = caller.start_call(Learn, options=options)
     # Two processes start first.
@@ -481,8 +484,7 @@ def test_observations_of_the_topic_that_are_wrong_are_reported(start, caller, gl
 
 def test_stays_responsive_and_busy_while_it_learns(start, caller, throws):
     start()
-    for observation in throws(6, 0):
-        caller.add(observation)
+    caller.add_all(throws(6, 0))
     feedback = []
     goal, result = caller.start_goal(ENDLESS, feedback)
     caller.spin_until(lambda: feedback)
@@ -511,8 +513,7 @@ def test_stays_responsive_and_busy_while_it_learns(start, caller, throws):
 
 def test_action_tells_its_progress(start, caller, throws):
     start()
-    for observation in throws(6, 0):
-        caller.add(observation)
+    caller.add_all(throws(6, 0))
     feedback = []
     options = LearningOptions(method="hybrid_random", max_iterations=3000, seed=1)
     _, result = caller.start_goal(options, feedback)
@@ -540,8 +541,7 @@ def test_takes_over_parameters(start, caller):
 
 def test_given_values_are_held_or_priors_as_the_caller_says(start, caller, throws):
     start()
-    for observation in throws(4, 0):
-        caller.add(observation)
+    caller.add_all(throws(4, 0))
     values = LearnedParameters.defaults(["ball", "floor"])
     fixed = static_parameters_to_message(values)
     pair = next(p for p in fixed.pairs if p.material_a != p.material_b)
@@ -577,8 +577,7 @@ def test_given_values_are_held_or_priors_as_the_caller_says(start, caller, throw
 
 def test_nothing_is_lost_by_kill_9(start, caller, throws):
     node = start()
-    for observation in throws(3, 0):
-        caller.add(observation)
+    caller.add_all(throws(3, 0))
     before = caller.call(Learn, options=LearningOptions(max_iterations=50)).static_parameters
     caller.start_goal(ENDLESS)
     assert caller.add(throws(1, 9)[0]).added
@@ -598,8 +597,7 @@ def test_a_search_that_was_killed_goes_on(start, caller, throws, tmp_path):
     options = LearningOptions(method="random", max_iterations=30_000, seed=4)
     node = start("simulator:=event_driven")
     observed = throws(8, 0)
-    for observation in observed:
-        caller.add(observation)
+    caller.add_all(observed)
     feedback = []
     caller.start_goal(options, feedback)
 
@@ -652,8 +650,7 @@ def test_learns_in_the_background_as_observations_arrive(start, caller, throws, 
 
 def test_the_background_gives_way_and_can_be_turned_off_and_on(start, caller, throws):
     start("online:=true", "online_priority:=normal")
-    for observation in throws(200, 0):
-        caller.add(observation)
+    caller.add_all(throws(200, 0))
     caller.spin_until(lambda: background_status(caller) == "learning", 60.0)
     _, result = caller.start_goal(LearningOptions(method="random", max_iterations=2000))
     caller.spin_until(lambda: background_status(caller).startswith("waits for the end"))
@@ -738,8 +735,7 @@ def test_a_file_that_is_no_database_stops_it_with_one_line(start, tmp_path):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ends_cleanly_while_it_learns(start, caller, throws, number):
     node = start()
-    for observation in throws(3, 0):
-        caller.add(observation)
+    caller.add_all(throws(3, 0))
     feedback = []
     caller.start_goal(ENDLESS, feedback)
     caller.start_call(Learn)
@@ -749,8 +745,7 @@ def test_ends_cleanly_while_it_learns(start, caller, throws, number):
 
 def test_outlives_callers_that_leave(start, caller, throws):
     node = start()
-    for observation in throws(3, 0):
-        caller.add(observation)
+    caller.add_all(throws(3, 0))
     leaving = Caller()
     options = LearningOptions(method="random", max_iterations=3000)
     leaving.start_call(Learn, options=options)

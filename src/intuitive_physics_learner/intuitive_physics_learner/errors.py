@@ -1,4 +1,4 @@
-"""What can go wrong in learning, beyond the errors of the core library."""
+"""Errors of learning, besides those of the core library."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ START = "start"
 """Points to begin from."""
 
 GIVEN_AS = (PRIOR, FIXED, START)
-"""What given values can be to searches."""
+"""Uses of given values in searches."""
 
 LARGEST_DIFFERENCE = 1e-6
 """Width by which values and the mean of their posterior may differ by rounding."""

@@ -71,7 +71,7 @@ class LearningJob:
 
     @property
     def cancellation(self) -> LearningCancelledError:
-        """What is raised in place of a result once it was told to stop."""
+        """The error that is raised in place of a result after a stop."""
         return LearningCancelledError(self._why) if self._why else LearningCancelledError()
 
     @property

@@ -90,7 +90,7 @@ class LearningOptions:
 
 @dataclass(frozen=True, eq=False)
 class LearningResult:
-    """What was learned, over all materials known so far, and how the search went.
+    """The learned θ_s, over all known materials, and the course of the search.
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ def _begin(
 
 
 def _given_prior(task: LearningTask, given: GivenKnowledge) -> GaussianPrior | None:
-    """What a user gave of the active parameters; None where that is nothing."""
+    """Return what a user gave of the active parameters; None where that is nothing."""
     space, prior = task.space, given.prior
     check_within_bounds(task.start, given.fixed, space.bounds)
     with_prior = np.asarray(prior.factor.any(axis=0))
@@ -306,7 +306,7 @@ def _given_prior(task: LearningTask, given: GivenKnowledge) -> GaussianPrior | N
 def _identity(
     options: LearningOptions, task: LearningTask, previous: LearnedParameters
 ) -> dict[str, Any]:
-    """What must be the same for a search to continue, as plain JSON data."""
+    """Return what must be the same for a search to continue, as plain JSON data."""
     bounds = task.space.bounds
     return {
         "method": options.method,
@@ -392,7 +392,7 @@ def _merged_posterior(
     searched: NDArray[np.int64],
     identifiability: Identifiability,
 ) -> ParameterPosterior:
-    """What is known of the next version of θ_s.
+    """Return the posterior of the next version of θ_s.
 
     `searched` (|θ_s| of the search,) indices of its parameters among those of `merged`.
     """

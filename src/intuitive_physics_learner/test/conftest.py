@@ -48,7 +48,7 @@ class GlideSimulator(Simulator):
 
 @pytest.fixture
 def path(tmp_path):
-    """Where a database does not exist yet, nor its folder."""
+    """Path of a database that does not exist yet, nor its folder."""
     return tmp_path / "new" / "folder" / "learner.sqlite3"
 
 

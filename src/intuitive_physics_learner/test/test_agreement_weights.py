@@ -74,7 +74,7 @@ def test_observations_that_agree_keep_their_weight():
 
 
 def test_without_an_observation_the_others_alone_decide():
-    """Of n estimates x of N(u, σ²): T_i = (x_i - mean of the others)² / (σ² n / (n - 1))."""
+    """For n estimates x of N(u, σ²), T_i = (x_i - mean of the others)² / (σ² n / (n - 1))."""
     values = np.array([0.1, 0.2, 0.3, 0.9])[:, None]
     sigma = 0.05
     information = np.full((4, 1, 1), sigma**-2)

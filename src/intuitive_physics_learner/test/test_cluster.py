@@ -76,7 +76,7 @@ def test_learning_is_the_same_with_and_without(two_processes, throws):
 
 
 def listening_addresses():
-    """Where this process and those that it started listen for TCP."""
+    """TCP ports on which this process and its children listen."""
     this_process = psutil.Process()
     return {
         connection.laddr.ip

@@ -37,7 +37,7 @@ BALL = SceneObject("ball", "ball", Sphere(RADIUS))
 EVERYWHERE = np.array([[-100.0, 100.0]] * 3)
 E, MU = "restitution[ball, floor]", "dynamic_friction[ball, floor]"
 PERFECT = DesignSettings(execution_error=0.0, draws=1)
-"""Of throws that are made as meant, at one draw."""
+"""Settings for throws that are made as meant, at one draw."""
 
 
 def ranges(position, velocity, spin=(0.0, 0.0, 0.0)):
@@ -215,7 +215,7 @@ def test_a_parameter_that_is_known_to_its_resolution_is_no_more_of_interest(even
 
 
 def test_a_query_wants_what_its_answer_depends_on(event_driven):
-    """Where a ball is after its first bounce depends on e, where it is before on nothing."""
+    """The position after the first bounce depends on e, the position before on nothing."""
     state = ObjectState([0.0, 0.0, 0.5 + RADIUS])
     scene = Scene(FLOOR, (BALL,), (state,))
     drop, roll = gains(AboutMotion(scene, "ball", 0.6), event_driven, (DROP, ROLL))

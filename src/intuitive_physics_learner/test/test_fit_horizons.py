@@ -105,7 +105,7 @@ def test_a_misfit_starts_where_half_of_its_neighbours_are_off(first):
 
 
 class _Times:
-    """As much of a block as misfits depend on."""
+    """The part of a block on which misfits depend."""
 
     def __init__(self, times):
         self.times = times

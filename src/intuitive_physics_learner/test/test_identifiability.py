@@ -1,4 +1,4 @@
-"""What the data cannot tell is never called learned, and what is learned has a true uncertainty."""
+"""Parameters that data do not determine are not identified; the others have a true uncertainty."""
 
 from dataclasses import replace
 

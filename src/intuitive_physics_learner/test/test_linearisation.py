@@ -13,7 +13,7 @@ from intuitive_physics_learner.joint_estimation.linearisation import (
 from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
 
 DEVIATION = 0.06
-"""Of each parameter, in widths; half of it is the step."""
+"""Deviation of each parameter, in widths; half of it is the step."""
 
 E = 3
 """Index of the only parameter that has an effect."""

@@ -1,4 +1,4 @@
-"""What the store knows of each observation: status, weight, reason, order, counts, changes."""
+"""Entries of observations in the store: status, weight, reason, order, counts, changes."""
 
 import json
 import os
@@ -272,7 +272,7 @@ def test_counts_are_those_of_the_rows(tmp_path_factory, glide_at, actions):
 
 
 def detected(observation, generator, id):
-    """As perceived from the same frames, with a third of them left out."""
+    """An observation perceived from the same frames, with a third of them left out."""
     (ball,) = observation.objects
     times, positions = ball.trajectory.times, ball.trajectory.positions
     kept = np.sort(generator.permutation(len(times))[: 2 * len(times) // 3])

@@ -43,7 +43,7 @@ def kicked(observation):
 
 @pytest.fixture(scope="module")
 def stream(event_driven, throws):
-    """What a learner published after each of some throws, and the learner."""
+    """Versions that a learner published after each of some throws, and the learner."""
     learner = OnlineLearner(event_driven, OPTIONS)
     counts, published = [], []
     for observation in noisy_throws(throws, 24, 0):

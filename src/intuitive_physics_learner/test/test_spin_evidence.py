@@ -51,7 +51,7 @@ OPTIONS = LearningOptions(JOINT_METHOD, ConvergenceCriteria(700))
 
 
 def measured(spin, deviation, prior=STATED, material="ball"):
-    """What is left of a spin that was measured with a deviation on each axis, under a prior."""
+    """Posterior of a spin that was measured with a deviation on each axis, under a prior."""
     deviation = np.broadcast_to(deviation, 3)
     variances = 1.0 / (deviation**-2.0 + prior**-2.0)
     mean = variances * deviation**-2.0 * spin

@@ -23,7 +23,7 @@ from intuitive_physics_learner.store.room import Room
 
 @pytest.fixture(autouse=True)
 def few_materials():
-    """At most four materials."""
+    """A limit of four materials."""
     before = limits()
     use_limits(replace(before, most_materials=4))
     yield

@@ -47,7 +47,7 @@ WHERE_GUIDE = (
     "empty: in this process; local:N: in N processes of this machine; ADDRESS:PORT: by the "
     "workers of that Dask scheduler, such as tls://192.168.1.2:8786"
 )
-"""What a user can give as the place where J is evaluated."""
+"""Forms of the place where J is evaluated, for users."""
 
 CERTIFICATE_FILES = ("ca.pem", "certificate.pem", "key.pem")
 """In a folder of certificates: of the authority that all trust, of this process, and its key."""
@@ -56,10 +56,10 @@ CERTIFICATES_GUIDE = (
     f"folder with {', '.join(CERTIFICATE_FILES)} for TLS with a cluster; empty: what Dask's own "
     "configuration says"
 )
-"""What a user can give as certificates."""
+"""Forms of certificates, for users."""
 
 LOOPBACK = "127.0.0.1"
-"""Where processes of this machine listen."""
+"""Address on which processes of this machine listen."""
 
 
 class CostMaker:
@@ -99,7 +99,7 @@ class CostMaker:
 
     @property
     def warning(self) -> str:
-        """What a user should know of the way to the cluster; empty: nothing."""
+        """Warning about the way to the cluster, for users; empty where there is none."""
         if not self._where or self._processes or self._where.startswith("tls://"):
             return ""
         host = self._where.rpartition("://")[2].rpartition(":")[0].strip("[]")

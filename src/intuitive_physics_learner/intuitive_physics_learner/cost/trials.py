@@ -1,4 +1,4 @@
-"""What a cost simulates: observations, each under a θ_s and from initial states."""
+"""Trials that a cost simulates: observations, each under a θ_s and from initial states."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a throw is expected to tell of θ_s, before it is made.
+"""The information about θ_s that a throw is expected to give, before it is made.
 
 A throw is simulated as the observation it would become, at θ_s drawn from the present posterior and
 with the noise and rate of the camera. Near each draw its detections are linear in θ_s and in the
@@ -60,7 +60,7 @@ hand."""
 
 @dataclass(frozen=True, eq=False)
 class ExpectedPosteriors:
-    """What would be known after each of W throws that depend on q parameters each.
+    """Posteriors expected after each of W throws that depend on q parameters each.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a throw shall determine: parameters, or the answer to a query."""
+"""Questions that a throw shall answer: parameters, or the answer to a query."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class AboutParameters(Question):
 
 @dataclass(frozen=True, eq=False)
 class AboutMotion(Question):
-    """Where will an object be, or will it have been in a region?
+    """The question where an object will be, or whether it will have been in a region.
 
     The answer is not linear in θ_s: whether a ball clears a box hardly changes, and then all at
     once. So its slopes are those of the linear function that comes closest to it over draws of θ_s

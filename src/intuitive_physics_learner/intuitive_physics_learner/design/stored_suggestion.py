@@ -28,7 +28,7 @@ tracks reach its edges; set by hand."""
 
 @dataclass(frozen=True, eq=False)
 class SuggestionRequest:
-    """What is asked of a learner's database.
+    """A request for throws, to a learner's database.
 
     Parameters
     ----------

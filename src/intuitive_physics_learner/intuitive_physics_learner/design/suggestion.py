@@ -1,4 +1,4 @@
-"""What to throw next: the candidates that are expected to tell most."""
+"""Suggestions for the next throw: the candidates that are expected to be most informative."""
 
 from __future__ import annotations
 

@@ -196,7 +196,7 @@ class ViewingConditions:
 
 @dataclass(frozen=True, eq=False)
 class ThrowOptions:
-    """What can be thrown into an environment.
+    """The objects that can be thrown into an environment, and how.
 
     Parameters
     ----------

@@ -77,7 +77,7 @@ HELD_PRECISION = 1e12
 
 @dataclass(frozen=True, eq=False)
 class ObservationFit:
-    """What a fit found for one observation, from which another fit can begin.
+    """Result of a fit for one observation, from which another fit can begin.
 
     Parameters
     ----------

@@ -125,7 +125,7 @@ def one_sided_moves(
 
 @dataclass(frozen=True, eq=False)
 class Half:
-    """What a fit to half of the observations found.
+    """Result of a fit to half of the observations.
 
     Parameters
     ----------

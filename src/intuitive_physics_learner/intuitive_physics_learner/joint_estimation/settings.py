@@ -1,4 +1,4 @@
-"""What fits to trajectories differ in, by the purpose they are for."""
+"""Settings in which fits to trajectories differ, by their purpose."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ MODES = {
     SetStaticParameters.Request.FIXED: FIXED,
     SetStaticParameters.Request.START: START,
 }
-"""What given values are, by the mode of a request."""
+"""Use of given values, by the mode of a request."""
 
 
 @dataclass(frozen=True)

@@ -463,7 +463,7 @@ class OnlineLearner:
             self._retire_member(leaving)
 
     def _worth(self, member: Member, covariance: NDArray[np.float64]) -> float:
-        """What an observation says of what is uncertain: tr(P Λ)."""
+        """Information of an observation on what is uncertain: tr(P Λ)."""
         parameters = member.likelihood.parameters
         part = covariance[np.ix_(parameters, parameters)]
         return member.weight * float(np.sum(part * member.likelihood.information))
@@ -475,7 +475,7 @@ class OnlineLearner:
         state.window = [each for each in state.window if each is not member]
 
     def _notice_change(self, seconds_left: Callable[[], float]) -> None:
-        """Where parameters have changed, forget what was known of them and learn them again."""
+        """Forget parameters that have changed, and learn them again."""
         state = self.state
         kept = [*state.window, *state.doubtful]
         newest = state.processed - RECENT

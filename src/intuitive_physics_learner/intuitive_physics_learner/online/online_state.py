@@ -60,7 +60,7 @@ class Member:
 
 @dataclass(eq=False)
 class OnlineState:
-    """What is known of n parameters, and from what.
+    """Knowledge of n parameters, and the observations that it rests on.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ class OnlineState:
 
     @property
     def prior(self) -> GaussianPrior:
-        """What is known before the next observation."""
+        """Knowledge before the next observation."""
         return self.posterior.prior(self.centre)
 
     def know_materials(self, materials: Sequence[str]) -> None:

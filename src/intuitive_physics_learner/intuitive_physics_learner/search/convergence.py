@@ -90,7 +90,7 @@ class SearchProgress:
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """What a search found.
+    """Result of a search.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from intuitive_physics_learner.search.search_space import ActiveSpace, PartialSp
 
 @dataclass(frozen=True, eq=False)
 class GaussianPrior:
-    """What is known of n parameters before the observations, on the unit cube of their search.
+    """Gaussian knowledge of n parameters before the observations, on the unit cube of their search.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class GaussianPrior:
 
 @dataclass(frozen=True, eq=False)
 class FitTask:
-    """What a fit to trajectories is of.
+    """The problem of a fit to trajectories.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ class LearningTask:
 
     @property
     def prior(self) -> GaussianPrior:
-        """What is known of the active parameters before these observations."""
+        """Knowledge of the active parameters before these observations."""
         return self.knowledge or GaussianPrior.uninformative(self.begin)
 
     @property

@@ -173,7 +173,7 @@ class Search(ABC):
 
     @abstractmethod
     def own_state(self) -> dict[str, Any]:
-        """What this search adds to the state, as plain data."""
+        """Return the part of the state that belongs to this search, as plain data."""
 
     @abstractmethod
     def load_own_state(self, state: Mapping[str, Any]) -> None:

@@ -15,7 +15,7 @@ STATIC, DYNAMIC = map(PAIR_COEFFICIENTS.index, ("static_friction", "dynamic_fric
 
 
 class SearchSpace(Protocol):
-    """What a search needs of `ParameterSpace`, or of a part of it."""
+    """The interface of `ParameterSpace`, or of a part of it, that a search needs."""
 
     @property
     def size(self) -> int:

@@ -52,7 +52,7 @@ ENTRY_TABLES: tuple[str, ...] = (
     "CREATE TABLE observation_set (revision INTEGER NOT NULL)",
     "INSERT INTO observation_set VALUES (0)",
 )
-"""What `ObservationEntry` is stored in, and what is counted of it."""
+"""Tables of `ObservationEntry`, and of their counts."""
 
 
 def _count(row: str, change: int) -> str:
@@ -86,7 +86,7 @@ ENTRY_TRIGGERS: tuple[str, ...] = (
     "DELETE FROM observation_entries WHERE id = OLD.id; "
     "UPDATE observation_set SET revision = revision + 1; END",
 )
-"""What keeps the counts right."""
+"""Triggers that keep the counts right."""
 
 
 MIGRATIONS: tuple[tuple[str, ...], ...] = (

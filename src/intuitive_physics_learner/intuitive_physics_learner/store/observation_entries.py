@@ -1,4 +1,4 @@
-"""What the database knows of each observation besides its JSON text, so that lists are cheap."""
+"""Entries of observations: columns besides the JSON text, so that lists are cheap."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class ObservationEntry:
 
 @dataclass(frozen=True)
 class Assessment:
-    """What a learner thinks of an observation.
+    """A learner's assessment of an observation.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What learning in the background reads: new observations, those it keeps, and its own state."""
+"""Reads for learning in the background: new observations, those it keeps, and its own state."""
 
 from __future__ import annotations
 

@@ -629,7 +629,7 @@ def test_a_search_that_was_killed_goes_on(start, caller, throws, tmp_path):
 
 
 def background_status(caller):
-    """What the newest diagnostics say about learning in the background."""
+    """Message of the newest diagnostics about learning in the background."""
     status = status_of(caller, "learning in the background")
     return status[1] if status else ""
 

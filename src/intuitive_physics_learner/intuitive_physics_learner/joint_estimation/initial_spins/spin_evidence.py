@@ -83,7 +83,7 @@ def unknown_spins(observation: Observation, components: NDArray[np.int64]) -> li
 
 @dataclass(frozen=True, eq=False)
 class SpinLikelihood:
-    """What one trajectory says of the initial spin of its object.
+    """Likelihood of the initial spin of an object, from one trajectory.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def log_normal(centre: float, throws: float) -> NDArray[np.float64]:
 
 
 class SpinEvidence:
-    """What throws say of the spread of initial spins, of each material."""
+    """Evidence from throws on the spread of initial spins of each material."""
 
     def __init__(self, sums: Mapping[str, _ThrowSum] | None = None) -> None:
         self._sums = dict(sums or {})

@@ -180,7 +180,7 @@ class UpdateRule(ABC):
 
     @abstractmethod
     def own_state(self) -> dict[str, Any]:
-        """What this rule adds to the state, as plain data."""
+        """Return the part of the state that belongs to this rule, as plain data."""
 
     @abstractmethod
     def load_own_state(self, state: dict[str, Any]) -> None:

@@ -31,7 +31,7 @@ class CachedCost(Cost):
         super().__init__(cost.observations, cost.materials)
         self._cost = cost
         influence = parameter_influence(cost.observations, cost.materials)
-        self._own = [np.flatnonzero(row) for row in influence]
+        self._parameters = [np.flatnonzero(row) for row in influence]
         self._cached: list[OrderedDict[bytes, NDArray[np.float64]]] = [
             OrderedDict() for _ in cost.observations
         ]
@@ -44,7 +44,7 @@ class CachedCost(Cost):
         places = list(
             zip(trials.parameter_index.tolist(), trials.observation_index.tolist(), strict=True)
         )
-        keys = [vectors[c][self._own[i]].tobytes() for c, i in places]
+        keys = [vectors[c][self._parameters[i]].tobytes() for c, i in places]
         answers: dict[tuple[int, bytes], NDArray[np.float64]] = {}
         missing: dict[tuple[int, bytes], int] = {}
         for trial, ((_, i), key) in enumerate(zip(places, keys, strict=True)):

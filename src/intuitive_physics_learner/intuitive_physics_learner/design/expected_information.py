@@ -182,9 +182,9 @@ def _execution_errors(
     for row, member in zip(widths, block.members, strict=True):
         spreads = throws[member].widths.ravel()
         row[: spreads.size] = spreads
-    own_widths = np.take_along_axis(widths, block.initial_states.components, axis=1)
-    normal = rng.standard_normal((draws, *own_widths.shape))
-    return np.asarray(settings.execution_error * own_widths * normal)
+    state_widths = np.take_along_axis(widths, block.initial_states.components, axis=1)
+    normal = rng.standard_normal((draws, *state_widths.shape))
+    return np.asarray(settings.execution_error * state_widths * normal)
 
 
 def _linearised(

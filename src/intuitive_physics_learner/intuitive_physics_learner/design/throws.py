@@ -236,7 +236,7 @@ class ThrowOptions:
             newest[tuple(sorted(map(_kind, each.objects)))] = each
             for track in each.objects:
                 tracks.setdefault(_kind(track), []).append(track)
-        thrown = {kind: _thrown_as_seen(same) for kind, same in tracks.items()}
+        thrown = {kind: _observed_throw(same) for kind, same in tracks.items()}
         casts = []
         for each in newest.values():
             words = {
@@ -398,7 +398,7 @@ def _kind(track: ObservedObject) -> tuple[str, str]:
     return track.object.material, type(track.object.shape).__name__
 
 
-def _thrown_as_seen(tracks: Sequence[ObservedObject]) -> ThrownObject:
+def _observed_throw(tracks: Sequence[ObservedObject]) -> ThrownObject:
     states = [track.initial_state for track in tracks]
     return ThrownObject(
         tracks[-1].object,

@@ -477,13 +477,13 @@ def proposals(
     units = [unit]
     states = [[estimate] for estimate in estimates]
     for factor in DAMPING_FACTORS:
-        own_damping = _clipped_damping(damping * factor)
+        step_damping = _clipped_damping(damping * factor)
         information = prior.precision.copy()
         scores = prior.scores(unit)
-        eliminated = [each.eliminated(own_damping) for each in equations]
+        eliminated = [each.eliminated(step_damping) for each in equations]
         for each in eliminated:
             each.add_to(information, scores)
-        step = bounded_step(unit, information, scores, own_damping)
+        step = bounded_step(unit, information, scores, step_damping)
         step = np.clip(step, -LARGEST_MOVE, LARGEST_MOVE)
         units.append(unit + step)
         for block_states, each in zip(states, eliminated, strict=True):

@@ -278,7 +278,7 @@ class Posterior:
         self, equations: NormalEquations, eliminated: Elimination
     ) -> NDArray[np.float64]:
         """Covariance (W, d, d) of a block's initial states, in SI units, whatever θ_s is."""
-        covariance = self._own_covariance(eliminated)
+        covariance = self._parameter_covariance(eliminated)
         by_parameters = eliminated.gains @ covariance @ eliminated.gains.swapaxes(1, 2)
         return _state_covariance(equations) + by_parameters
 
@@ -292,11 +292,11 @@ class Posterior:
         by_state = slopes[:, :d]
         by_parameter = slopes[:, d:] - eliminated.gains.transpose(0, 2, 1) @ by_state
         variances = ((_state_covariance(equations) @ by_state) * by_state).sum(axis=1)
-        covariance = self._own_covariance(eliminated)
+        covariance = self._parameter_covariance(eliminated)
         variances += ((covariance @ by_parameter) * by_parameter).sum(axis=1)
         return np.sqrt(variances.reshape(count, points, 3).sum(axis=2))
 
-    def _own_covariance(self, eliminated: Elimination) -> NDArray[np.float64]:
+    def _parameter_covariance(self, eliminated: Elimination) -> NDArray[np.float64]:
         rows, columns = eliminated.parameters[:, :, None], eliminated.parameters[:, None, :]
         return self.covariance[rows, columns]
 

@@ -94,8 +94,8 @@ class InitialStates:
         width = self.observed.shape[1]
         errors = np.zeros((count, each, width * 12))
         rows = np.arange(count)[:, None, None], np.arange(each)[:, None]
-        own_deviations = deviations[..., : self.components.shape[1]]
-        errors[rows[0], rows[1], self.components[:, None]] = own_deviations
+        axis_deviations = deviations[..., : self.components.shape[1]]
+        errors[rows[0], rows[1], self.components[:, None]] = axis_deviations
         errors = errors.reshape(count, each, width, 12)
         states = resting(count, each, objects)
         states[:, :, :width] = self.observed[:, None]

@@ -86,8 +86,8 @@ class LearnerNode(ManagedNode):
             self.get_logger().warning(self._make_cost.warning)
         self._store = ObservationStore(database_path(values["database"], self.get_namespace()))
         # What waits for the disk or for other processes waits in a thread of its own.
-        self._own_store = ObservationStore(self._store.path, BUSY_TIMEOUT)
-        self._current = CurrentParameters(self._own_store)
+        self._local_store = ObservationStore(self._store.path, BUSY_TIMEOUT)
+        self._current = CurrentParameters(self._local_store)
         self._reported_versions: set[int] = set()
         self._all_stopped = True
         self.get_logger().info(
@@ -132,7 +132,7 @@ class LearnerNode(ManagedNode):
         """Close the database, unless something that was left behind still uses it."""
         if self._all_stopped:
             self._make_cost.close()
-            self._own_store.close()
+            self._local_store.close()
             self._store.close()
 
     def _offer(self) -> None:
@@ -149,7 +149,7 @@ class LearnerNode(ManagedNode):
         given = self.get_parameter("export_folder").value
         self._observations = ObservationServices(
             self,
-            self._own_store,
+            self._local_store,
             self._database,
             self._on_observations_changed,
             Path(given or self._store.path.parent / EXPORTS).expanduser(),
@@ -191,7 +191,7 @@ class LearnerNode(ManagedNode):
         self, request: SetStaticParameters.Request, response: SetStaticParameters.Response
     ) -> SetStaticParameters.Response:
         try:
-            stored = await self._database.run(lambda _: self._store_given(request))
+            stored = await self._database.run(lambda _: self._store_given_parameters(request))
             self._searches.cancel(
                 f"version {stored.version} of the static parameters was given while this search "
                 "ran; nothing was stored: learn again, which takes account of what was given"
@@ -206,16 +206,19 @@ class LearnerNode(ManagedNode):
             response.result = error_result(error, CODES)
         return response
 
-    def _store_given(self, request: SetStaticParameters.Request) -> LearnedParameters:
+    def _store_given_parameters(self, request: SetStaticParameters.Request) -> LearnedParameters:
         """Store what a request gives on top of the newest θ_s, whoever stored that."""
         values = static_parameters_from_message(request.static_parameters)
         mode, bounds = mode_of(request), bounds_of(request.bounds)
         deadline = time.monotonic() + ADD_PATIENCE
         while True:
-            version, newest = self._own_store.newest_version(), self._own_store.newest_parameters()
+            version, newest = (
+                self._local_store.newest_version(),
+                self._local_store.newest_parameters(),
+            )
             given = given_parameters(values, mode, request.names, newest=newest, bounds=bounds)
             try:
-                stored = self._own_store.add_improvement(given, on=version)
+                stored = self._local_store.add_improvement(given, on=version)
             except DatabaseBusyError:
                 if time.monotonic() > deadline:
                     raise
@@ -269,7 +272,7 @@ class LearnerNode(ManagedNode):
                 trigger(self._newer)
         except StorageError as error:
             self.get_logger().error(str(error))
-        for version, why in self._own_store.unreadable_versions.items():
+        for version, why in self._local_store.unreadable_versions.items():
             if version not in self._reported_versions:
                 self._reported_versions.add(version)
                 self.get_logger().warning(f"{why}; an older version takes its place")

@@ -80,12 +80,12 @@ class LoneFit:
         careful: bool = False,
     ) -> None:
         self._steps = RETRY_STEPS if careful else LONE_STEPS
-        self._own = np.flatnonzero(influence)
+        self._parameters = np.flatnonzero(influence)
         self._task = FitTask(
             cost,
             ActiveSpace(space, influence, others),
-            np.ones((1, self._own.size), dtype=bool),
-            prior.marginal(self._own),
+            np.ones((1, self._parameters.size), dtype=bool),
+            prior.marginal(self._parameters),
         )
         settings = JointEstimationSettings(scan_steps=scans)
         if not careful:
@@ -116,7 +116,7 @@ class LoneFit:
     def likelihood(self) -> LocalLikelihood:
         """Return the likelihood of all n parameters near the estimate."""
         (likelihood,) = self._fit.likelihoods(look_for_spins=True)
-        return replace(likelihood, parameters=self._own[likelihood.parameters])
+        return replace(likelihood, parameters=self._parameters[likelihood.parameters])
 
     def log_evidence(self, horizon: float) -> float:
         """Return ln ∫ p(points up to a horizon | θ_s) p(θ_s) dθ_s by Laplace's approximation.

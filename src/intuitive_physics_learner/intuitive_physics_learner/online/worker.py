@@ -73,23 +73,23 @@ class Worker:
         while True:
             self._notified.clear()
             try:
-                with compilations_noted(lambda: self._tell_state(COMPILING)):
+                with compilations_noted(lambda: self._report_state(COMPILING)):
                     self._learn()
             except IntuitivePhysicsError as error:
-                self._tell_state(FAILED, str(error))
+                self._report_state(FAILED, str(error))
             self._notified.wait()
 
     def _learn(self) -> None:
         """Learn from all that waits in the store."""
         learning = StoredOnlineLearning(self._store, self._simulator, self._options)
         while learning.advance():
-            self._tell(_report_of(learning, LEARNING))
-        self._tell(_report_of(learning, WAITING))
+            self._send(_report_of(learning, LEARNING))
+        self._send(_report_of(learning, WAITING))
 
-    def _tell_state(self, state: str, message: str = "") -> None:
-        self._tell(replace(self._report, state=state, message=message))
+    def _report_state(self, state: str, message: str = "") -> None:
+        self._send(replace(self._report, state=state, message=message))
 
-    def _tell(self, report: WorkerReport) -> None:
+    def _send(self, report: WorkerReport) -> None:
         """Keep a report and write it for the process that started this one."""
         self._report = report
         print(json.dumps(asdict(report)), flush=True)
@@ -101,10 +101,10 @@ class Worker:
         os._exit(0)
 
 
-def _report_of(learning: StoredOnlineLearning, text: str) -> WorkerReport:
+def _report_of(learning: StoredOnlineLearning, activity: str) -> WorkerReport:
     state = learning.learner.state
     return WorkerReport(
-        text,
+        activity,
         state.processed,
         learning.pending,
         state.set_aside,

@@ -48,7 +48,7 @@ class CmaEs(UpdateRule):
     def update(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> None:
         if self._generation_count == 0 and self._start is not None:
             return
-        self._tell(list(points), costs.tolist())
+        self._update_strategy(list(points), costs.tolist())
         self._generation_costs.append(costs.tolist())
 
     def own_state(self) -> dict[str, Any]:
@@ -60,13 +60,13 @@ class CmaEs(UpdateRule):
         self._begin()
         self._generation_costs = list(state["told"])
         for costs in self._generation_costs:
-            self._tell(self._strategy.ask(), costs)
+            self._update_strategy(self._strategy.ask(), costs)
 
     def _begin(self) -> None:
         """Make a strategy without any generation."""
         self._strategy = self._new_strategy(self._first_mean(), int(self.settings["population"]))
 
-    def _tell(self, points: list[NDArray[np.float64]], costs: list[float]) -> None:
+    def _update_strategy(self, points: list[NDArray[np.float64]], costs: list[float]) -> None:
         """Tell the strategy the costs of a generation."""
         self._strategy.tell(points, costs)
 
@@ -128,8 +128,8 @@ class RestartedCmaEs(CmaEs):
         self._population = int(self.settings["population"])
         super()._begin()
 
-    def _tell(self, points: list[NDArray[np.float64]], costs: list[float]) -> None:
-        super()._tell(points, costs)
+    def _update_strategy(self, points: list[NDArray[np.float64]], costs: list[float]) -> None:
+        super()._update_strategy(points, costs)
         if self._strategy.stop():
             self._population *= GROWTH
             mean = self._random_points(1)[0]

@@ -56,7 +56,7 @@ class UpdateRule(ABC):
         self._generation: NDArray[np.float64] | None = None
         self._generator_before = generator.bit_generator.state
         self._costs: list[float] = []
-        self._asked = 0
+        self._pending = 0
         self._prepare()
 
     def _prepare(self) -> None:
@@ -78,7 +78,7 @@ class UpdateRule(ABC):
             self._generator_before = self._generator.bit_generator.state
             self._generation = self._next_generation()
         portion = self._generation[len(self._costs) : len(self._costs) + limit]
-        self._asked = len(portion)
+        self._pending = len(portion)
         return portion.copy()
 
     def tell(self, costs: ArrayLike) -> None:
@@ -88,8 +88,8 @@ class UpdateRule(ABC):
         ----------
         costs : (k,) m
         """
-        values = finite_array(costs, "costs", (self._asked,))
-        self._asked = 0
+        values = finite_array(costs, "costs", (self._pending,))
+        self._pending = 0
         self._costs += values.tolist()
         if self._generation is not None and len(self._costs) == len(self._generation) > 0:
             self.update(self._generation, np.array(self._costs))
@@ -141,7 +141,7 @@ class UpdateRule(ABC):
         self._generator.bit_generator.state = state["generator"]
         self._generation = None
         self._costs = list(state["costs"])
-        self._asked = 0
+        self._pending = 0
         if self._costs:
             self._generator_before = state["generator"]
             self._generation = self._next_generation()
@@ -152,9 +152,9 @@ class UpdateRule(ABC):
         return self.propose()
 
     def _check_updated(self, what: str) -> None:
-        if self._asked:
+        if self._pending:
             raise InvalidInputError(
-                f"{what} before the costs of {self._asked} candidates were told; "
+                f"{what} before the costs of {self._pending} candidates were given; "
                 "expected tell() first"
             )
 

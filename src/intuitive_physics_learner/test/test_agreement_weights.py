@@ -86,7 +86,7 @@ def test_without_an_observation_the_others_alone_decide():
     np.testing.assert_allclose(weights, expected, rtol=1e-3)
 
 
-def test_the_likelihood_of_an_observation_is_its_own_whatever_the_fit_makes_of_it(gliding_task):
+def test_likelihood_of_an_observation_does_not_depend_on_its_weight(gliding_task):
     task = gliding_task([0.6, 0.6, 0.6], position_deviation=0.02, count=60)
     fit = JointFit(task.fit_task, JointEstimationSettings())
     for _ in range(3):

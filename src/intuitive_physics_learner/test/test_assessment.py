@@ -143,7 +143,7 @@ def test_an_outlier_alone_is_no_disturbance(path):
         assert least(violations(replace(clean, positions=positions))) > NOTABLE
 
 
-def test_a_kick_in_flight_is_found_before_it_began_to_matter():
+def test_kick_in_flight_is_located():
     kicked = flight() + np.maximum(TIMES - 1.0, 0.0)[:, None] * [1.5, -1.5, 0.5]
     violation = flight_violation(track(kicked))
     assert violation.log_p < NOTABLE
@@ -158,7 +158,7 @@ def test_a_tilted_vertical_and_drag_of_the_air_are_no_disturbance():
 
 
 @pytest.mark.parametrize("path", [flight(), sliding(), bouncing()])
-def test_a_jump_is_found_where_it_is(path):
+def test_jump_is_located(path):
     jumped = path + (TIMES > 1.01)[:, None] * [-0.6, 0.3, 0.3]
     violation = jump_violation(track(jumped))
     assert violation.log_p < NOTABLE
@@ -166,7 +166,7 @@ def test_a_jump_is_found_where_it_is(path):
 
 
 @pytest.mark.parametrize("push", [(0.0, -2.5, 0.0), (-1.5, 0.0, 2.5)])
-def test_a_kick_of_what_slides_or_lies_is_found(push):
+def test_kick_in_contact_is_located(push):
     since = np.maximum(TIMES - 2.0, 0.0)[:, None]
     hop = np.maximum(push[2] * since - 0.5 * 9.81 * since**2, 0.0)[:, 0]
     kicked = sliding() + since * [push[0], push[1], 0.0] + hop[:, None] * [0.0, 0.0, 1.0]
@@ -244,7 +244,7 @@ def test_a_clean_part_ends_in_time_and_keeps_a_few_points(until, count):
     assert kept == count or track_of.times[kept] > until
 
 
-def test_what_is_disturbed_is_cut_and_what_a_user_trusts_is_not():
+def test_disturbed_observation_is_cut_unless_trusted():
     observations = [observation_of(flight(), seed) for seed in range(6)]
     kick = np.maximum(TIMES - 1.0, 0.0)[:, None] * [2.0, 0.0, 1.0]
     observations[2] = observation_of(flight() + kick, 2)
@@ -270,9 +270,7 @@ def jump(times):
     return (times > 0.45)[:, None] * [0.4, -0.3, 0.2]
 
 
-def test_what_was_disturbed_is_doubtful_in_the_store_until_it_is_included(
-    tmp_path, event_driven, throws
-):
+def test_disturbed_observation_is_doubtful_until_included(tmp_path, event_driven, throws):
     observations = throws(12, 3, noise=0.003, state_noise=0.01, times=48)
     observations[4] = moved(observations[4], jump)
     with ObservationStore(tmp_path / "learned.sqlite3") as store:
@@ -293,7 +291,7 @@ def test_what_was_disturbed_is_doubtful_in_the_store_until_it_is_included(
         assert store.counts()["doubtful"] == 0
 
 
-def test_learning_is_as_good_as_from_what_is_clean(event_driven, throws, true_parameters):
+def test_learning_with_disturbed_observations_is_as_accurate(event_driven, throws, true_parameters):
     observations = throws(12, 3, noise=0.003, state_noise=0.01, times=48)
     disturbed = [moved(each, jump) for each in observations[:3]] + observations[3:]
     learned = learn(disturbed, event_driven, LearningOptions()).learned

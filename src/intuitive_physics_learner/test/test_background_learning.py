@@ -67,7 +67,7 @@ def saved(store):
     return 0 if text is None else json.loads(text)["processed"]
 
 
-def test_killed_at_any_instant_it_goes_on_where_it_was(store, background, throws):
+def test_killed_learning_resumes_exactly(store, background, throws):
     observed = throws(40, 0, noise=0.003, state_noise=0.01, times=20)
     store.add_all(observed)
     reports = []
@@ -146,7 +146,7 @@ def test_ctrl_c_is_left_to_the_process_that_started_it(store, background, throws
     wait_until(lambda: background.report.processed == 4)
 
 
-def test_says_that_it_died_and_starts_again_with_the_next_observation(store, background, throws):
+def test_dead_worker_is_reported_and_restarted(store, background, throws):
     background.start(OPTIONS, cores=1, priority="normal")
     store.add_all(throws(3, 0))
     background._process.kill()
@@ -157,7 +157,7 @@ def test_says_that_it_died_and_starts_again_with_the_next_observation(store, bac
     wait_until(lambda: background.report.processed == 4)
 
 
-def test_says_why_it_cannot_start(tmp_path):
+def test_reports_why_it_cannot_start(tmp_path):
     garbage = tmp_path / "garbage"
     garbage.write_bytes(np.random.default_rng(0).bytes(5000))
     background = BackgroundLearning(garbage, "event_driven", lambda: None)
@@ -168,7 +168,7 @@ def test_says_why_it_cannot_start(tmp_path):
     background.stop()
 
 
-def test_says_what_it_cannot_learn_from_and_goes_on(store, background, throws, boxed):
+def test_reports_unusable_observations_and_continues(store, background, throws, boxed):
     store.add(boxed)
     store.add_all(throws(1, 0, times=20))
     background.start(OPTIONS, cores=1, priority="normal")
@@ -178,7 +178,7 @@ def test_says_what_it_cannot_learn_from_and_goes_on(store, background, throws, b
     assert store.newest_version() == 1
 
 
-def test_says_that_it_compiles_kernels(store, monkeypatch, capsys):
+def test_reports_compilation_of_kernels(store, monkeypatch, capsys):
     class Compiles:
         """Learning whose first step compiles a kernel, and which fails then."""
 

@@ -31,7 +31,7 @@ def test_same_to_the_bit(glide, glides):
         point = space.to_unit(candidates[0])
 
 
-def test_only_what_a_change_can_reach_is_simulated(glide, glides):
+def test_simulates_only_observations_that_a_change_influences(glide, glides):
     cached = CachedCost(TrajectoryCost(observed(glides), glide, MATERIALS))
     theta = StaticParameters.uniform(MATERIALS)
     cached.costs([theta])

@@ -81,7 +81,7 @@ def test_no_alarm_in_a_long_stationary_stream():
     assert alarms <= 1
 
 
-def test_a_change_of_one_pair_is_found_where_it_was():
+def test_change_of_one_pair_is_located():
     generator = np.random.default_rng(2)
     information = known_from(generator, CENTRE, 20)
     after = CENTRE + np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0])

@@ -204,7 +204,7 @@ def log_an_error():
     return signal.getsignal(signal.SIGINT)
 
 
-def test_a_worker_that_dies_is_restarted_logs_lines_and_leaves_ctrl_c_to_its_parent(throws, capfd):
+def test_dead_cluster_worker_is_restarted(throws, capfd):
     simulator = make_simulator("event_driven")
     with CostMaker("local:1") as made:
         cost = made(throws(2, 0), simulator)
@@ -253,7 +253,7 @@ def test_processes_that_do_not_start(throws, monkeypatch):
         made(throws(1, 0), make_simulator("event_driven"))
 
 
-def test_dask_does_not_tell_of_a_lost_connection_itself(throws):
+def test_dask_does_not_log_a_lost_connection_itself(throws):
     # At the level of information it would, with a traceback.
     log = logging.getLogger("distributed")
     cluster = distributed.LocalCluster(

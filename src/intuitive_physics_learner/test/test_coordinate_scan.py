@@ -34,7 +34,7 @@ def candidates_of(task):
     return ScanCandidates(task.begin, separate_groups(influence), task.searched, levels)
 
 
-def test_candidates_move_their_own_parameter_only(gliding_task):
+def test_each_candidate_moves_one_parameter(gliding_task):
     task = gliding_task([0.5, 0.7])
     candidates = candidates_of(task)
     # All four parameters share both observations: no two move together.

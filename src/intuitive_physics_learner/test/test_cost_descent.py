@@ -29,7 +29,7 @@ def weights_of(task):
     return np.array(speeds) * np.mean(balls[0].trajectory.times)
 
 
-def test_finds_what_made_the_observations(gliding_task):
+def test_search_finds_the_true_parameters(gliding_task):
     task = gliding_task([0.8, 0.8, 0.8])
     descent = descent_of(task)
     descent.begin(task.begin[None])

@@ -171,7 +171,7 @@ ROLL = ([0, 0, RADIUS], [0.4, 0, 0])
 SLIDE = ([0, 0, RADIUS + 0.001], [4.0, 0, 0])
 
 
-def test_a_drop_tells_restitution_and_a_slide_friction(event_driven):
+def test_drop_informs_restitution_and_slide_informs_friction(event_driven):
     drop, slide = gains(AboutParameters((E,)), event_driven, (DROP, SLIDE))
     assert drop > slide + 0.5
     drop, slide = gains(AboutParameters((MU,)), event_driven, (DROP, SLIDE))
@@ -182,13 +182,13 @@ def test_a_drop_tells_restitution_and_a_slide_friction(event_driven):
     assert roll > drop + 0.5
 
 
-def test_what_is_not_in_view_tells_nothing(event_driven):
+def test_motion_out_of_view_informs_nothing(event_driven):
     # The floor itself is out of view, so that the track ends before the impact.
     region = np.array([[-1.0, 1.0], [-1.0, 1.0], [0.2, 2.0]])
     assert gains(AboutParameters((E,)), event_driven, (DROP,), region=region) == pytest.approx([0])
 
 
-def test_more_noise_tells_less(event_driven):
+def test_more_noise_informs_less(event_driven):
     results = [
         gains(AboutParameters((E,), 1e-6), event_driven, (DROP,), known(0.8, 0.1), noise=noise)[0]
         for noise in (0.001, 0.004, 0.016)
@@ -214,7 +214,7 @@ def test_a_parameter_that_is_known_to_its_resolution_is_no_more_of_interest(even
     assert gain(1e-4) > 1.0
 
 
-def test_a_query_wants_what_its_answer_depends_on(event_driven):
+def test_query_depends_on_relevant_parameters(event_driven):
     """The position after the first bounce depends on e, the position before on nothing."""
     state = ObjectState([0.0, 0.0, 0.5 + RADIUS])
     scene = Scene(FLOOR, (BALL,), (state,))
@@ -321,7 +321,7 @@ def test_throws_lie_within_their_ranges_and_outside_of_everything(ends, count, s
         assert values[2] >= RADIUS - 1e-9
 
 
-def test_what_was_seen_is_what_can_be_thrown(throws):
+def test_throws_of_observed_objects(throws):
     observations = throws(6, seed=0, noise=0.002, state_noise=0.002)
     options = ThrowOptions.of_observations(observations)
     ((ball,),) = options.casts

@@ -170,7 +170,7 @@ def test_fits_continue_from_their_state(block):
     assert other.misfits.dtype == fits.misfits.dtype
 
 
-def test_a_joint_fit_reaches_the_end_of_what_it_can_predict(gliding_task):
+def test_joint_fit_reaches_the_end_of_predictable_motion(gliding_task):
     task = gliding_task([0.6, 0.6, 0.6], position_deviation=0.02, count=60)
     fit = JointFit(task.fit_task, SETTINGS)
     for _ in range(40):

@@ -220,7 +220,7 @@ def test_a_one_sided_interval_is_a_wide_prior():
     st.sampled_from(GIVEN_AS),
     st.sets(st.sampled_from(NAMES)),
 )
-def test_what_is_given_is_what_is_known(unit, deviations, as_what, names):
+def test_given_values_become_the_posterior(unit, deviations, as_what, names):
     parameters = ParameterSpace(MATERIALS).to_parameters(unit)
     raw = LearnedParameters(parameters, deviations, np.zeros(14, bool), 0, np.nan, 0, "")
     # One friction of a pair alone may contradict the other one.

@@ -43,7 +43,7 @@ def with_track(observation, times, positions):
     return replace(observation, objects=(replace(thing, trajectory=Trajectory(times, positions)),))
 
 
-def test_only_what_acted_is_identified(event_driven, throws, true_parameters):
+def test_only_active_parameters_are_identified(event_driven, throws, true_parameters):
     cost = TrajectoryCost(throws(6, 0, noise=0.003), event_driven, MATERIALS)
     result = identify(cost, SPACE, true_parameters)
     # A lone sphere's density cancels in its equation of motion, and ball never met ball.
@@ -133,7 +133,7 @@ def test_can_be_cancelled(glide, glides):
 
 @settings(max_examples=50)
 @given(data=st.data())
-def test_an_axis_moves_its_own_parameter_and_no_other(data):
+def test_each_axis_moves_one_parameter(data):
     unit = st.floats(0.0, 1.0)
     space = ParameterSpace(("a", "b"))
     point = data.draw(st.lists(unit, min_size=space.size, max_size=space.size))
@@ -181,7 +181,7 @@ class CountingCost(TrajectoryCost):
         return super().trial_residuals(trials)
 
 
-def test_takes_no_more_simulations_than_it_says(event_driven, throws, true_parameters):
+def test_simulations_within_the_stated_number(event_driven, throws, true_parameters):
     observed = throws(6, 0, noise=0.003)
     cost = CountingCost(observed, event_driven, MATERIALS)
     identify(cost, SPACE, true_parameters)

@@ -74,7 +74,7 @@ def test_forgetting_parameters_leaves_the_marginal_of_the_others():
     assert not information.vector[[1, 3]].any()
 
 
-def test_what_contradicts_all_others_counts_less():
+def test_contradicting_observation_has_less_weight():
     generator = np.random.default_rng(2)
     best = np.array([0.5, 0.5])
     likelihoods = [likelihood(generator, [0, 1], best) for _ in range(8)]
@@ -94,7 +94,7 @@ def test_what_contradicts_all_others_counts_less():
     )
 
 
-def test_jackknife_is_the_variance_of_a_mean_and_distrusts_a_lone_witness():
+def test_jackknife_variance_of_a_mean():
     generator = np.random.default_rng(3)
     count, sharpness = 400, 1e4
     information, likelihoods = Information.none(1), []

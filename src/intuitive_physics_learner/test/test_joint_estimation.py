@@ -82,9 +82,7 @@ def test_noisy_initial_states_do_not_bias(event_driven, throws, true_parameters)
     assert not learned.identified[names == "restitution[ball, ball]"].any()
 
 
-def test_a_short_search_keeps_what_explains_the_observations_better(
-    event_driven, throws, true_parameters
-):
+def test_short_search_keeps_a_better_start(event_driven, throws, true_parameters):
     observed = throws(8, 5, NOISE, STATE_NOISE)
     search = joint_search(observed, event_driven)
     fit = search.fit
@@ -205,7 +203,7 @@ def test_initial_states_move_as_their_deviations_say(throws):
     assert moved[1, 6] == 1.0
 
 
-def test_halves_share_what_tells_of_each_parameter():
+def test_halves_share_the_observations_of_each_parameter():
     influence = np.zeros((20, 2), dtype=bool)
     influence[:12, 0] = influence[12:, 1] = True
     first, second = halves(influence)

@@ -48,7 +48,7 @@ def test_stops_long_before_its_end(event_driven, throws):
         job.result()
 
 
-def test_hands_on_what_went_wrong():
+def test_job_raises_the_error_of_its_function():
     def work(on_progress, stop):
         raise ValueError("no luck")
 

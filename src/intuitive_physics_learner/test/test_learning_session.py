@@ -39,7 +39,7 @@ def known(parameters):
 @pytest.mark.parametrize(
     "method", ["levenberg_marquardt", "cma_es", "hybrid_random", "adaptive_random"]
 )
-def test_recovers_what_made_the_observations(event_driven, throws, true_parameters, method):
+def test_learning_recovers_the_true_parameters(event_driven, throws, true_parameters, method):
     observed = throws(8, 3)
     learned = learn(observed, event_driven, options(1500, method=method)).learned
     got, true = (theta.pair("ball", "floor") for theta in (learned.parameters, true_parameters))
@@ -113,7 +113,7 @@ def test_noisy_observations_cost_no_more_than_the_truth(event_driven, throws, tr
     assert learned.cost < 1.05 * oracle[0]
 
 
-def test_what_the_data_cannot_tell_keeps_its_value(event_driven, throws):
+def test_parameters_without_data_keep_their_values(event_driven, throws):
     learned = learn(throws(4, 0, noise=0.003), event_driven, options(300)).learned
     defaults = StaticParameters.uniform(learned.materials)
     assert (learned.parameters.density == defaults.density).all()
@@ -123,7 +123,7 @@ def test_what_the_data_cannot_tell_keeps_its_value(event_driven, throws):
     assert np.isnan(learned.standard_deviations[names.index("density[ball]")])
 
 
-def test_starts_from_what_is_known_and_keeps_other_materials(glide, glides):
+def test_starts_from_earlier_version_and_keeps_other_materials(glide, glides):
     # Known: e of ball and floor, to the digit; and what stone is like, which nobody observed.
     before = known(StaticParameters.uniform(["stone", "ball", "floor"], density=2700.0))
     before = known(

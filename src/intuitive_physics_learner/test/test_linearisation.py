@@ -62,7 +62,7 @@ def test_initial_positions_move_all_points(gliding_task):
         )
 
 
-def test_residuals_elsewhere_are_as_the_slopes_say_of_a_linear_motion(gliding_task):
+def test_residuals_of_a_linear_motion_follow_the_slopes(gliding_task):
     task = gliding_task([0.5, 0.7], position_deviation=0.01)
     linear, block, _ = linearised(task)
     moved = task.begin.copy()

@@ -53,7 +53,7 @@ def changed_after(store, revision):
     return [entry.id for entry in store.entries() if entry.revision > revision]
 
 
-def test_an_entry_says_what_the_observation_says(store, glides):
+def test_entry_agrees_with_its_observation(store, glides):
     observation = glides(
         np.random.default_rng(0), 0.5, (10, 4), ("ball", "cork"), start=7.0, id="a"
     )
@@ -136,7 +136,7 @@ def test_the_user_excludes_and_includes(store, glide_at):
     assert store.counts()["excluded"] == 1
 
 
-def test_what_is_doubtful_can_come_back(store, glide_at, break_text):
+def test_doubtful_observation_is_used_again(store, glide_at, break_text):
     store.add_all([glide_at(id) for id in "abcd"])
     store.exclude(["c"])
     break_text("d")
@@ -196,7 +196,7 @@ def test_observations_one_after_the_other(store, glide_at, monkeypatch, chunk, b
     assert read == [(1, "0"), (2, "1"), (4, "3"), (6, "5"), (7, "6")]
 
 
-def test_exports_what_is_used_or_asked_for(store, glide_at, tmp_path):
+def test_export_of_used_or_chosen_observations(store, glide_at, tmp_path):
     store.add_all([glide_at(id) for id in "abc"])
     store.exclude(["b"])
     assert store.export(tmp_path / "used") == 2
@@ -230,11 +230,11 @@ def test_no_id_leads_an_export_out_of_its_folder(store, glide_at, tmp_path):
         ("~/{namespace}.sqlite3", "/robot", "~/robot.sqlite3"),
     ],
 )
-def test_a_namespace_has_its_own_database(template, namespace, path):
+def test_each_namespace_has_a_database(template, namespace, path):
     assert str(database_path(template, namespace)) == path
 
 
-def test_a_session_has_its_own_database():
+def test_each_session_has_a_database():
     text = str(database_path("/data/{namespace}/{session}.sqlite3", "/robot"))
     assert re.fullmatch(r"/data/robot/\d{8}T\d{6}Z\.sqlite3", text)
     with pytest.raises(InvalidInputError, match=r"placeholder \{sesion\}; expected"):
@@ -300,7 +300,7 @@ def test_a_recording_that_is_played_again_adds_nothing(store, glides):
         assert both.add_all([*first, *again]) == 4
 
 
-def test_learning_goes_on_without_an_unreadable_row(store, glide_at, glide, break_text):
+def test_learning_without_an_unreadable_row(store, glide_at, glide, break_text):
     store.add_all([glide_at(id) for id in "abc"])
     break_text("b")
     options = LearningOptions("random", ConvergenceCriteria(max_iterations=20))

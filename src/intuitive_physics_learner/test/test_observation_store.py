@@ -63,7 +63,7 @@ def acknowledged_by(writer):
     return int([line for line in writer.output.splitlines() if line.isdecimal()][-1])
 
 
-def test_gives_back_what_it_took_in_order(path, observation):
+def test_observations_are_returned_in_order(path, observation):
     some = [observation(id) for id in ("c", "a", "b")]
     with ObservationStore(path) as store:
         assert [store.add(observation) for observation in some] == [True, True, True]
@@ -187,7 +187,7 @@ def test_overwritten_pages(path, observation):
     assert path.read_bytes() == whole
 
 
-def test_damage_in_the_middle_is_found_by_a_check_and_by_reading(path, observation):
+def test_damage_is_detected_by_check_and_by_reading(path, observation):
     whole = bytearray(filled(path, observation, 200))
     middle = len(whole) // 2 // 4096 * 4096
     whole[middle : middle + 40960] = b"\xff" * 40960
@@ -347,7 +347,7 @@ def test_full_disk_loses_nothing_that_was_stored(path, observation, tmp_path):
         assert store.ids()[: len(expected)] == expected
 
 
-def test_sqlite_says_that_the_disk_is_full(path, observation):
+def test_error_of_a_full_disk(path, observation):
     with ObservationStore(path) as store:
         store.add(observation("before"))
         store._database._connection.execute("PRAGMA max_page_count = 1")

@@ -40,7 +40,7 @@ def test_one_observation_among_indifferent_ones_is_no_agreement(rise, others):
 
 
 @given(rise=rises, count=st.integers(1, 20))
-def test_what_all_say_alike_counts(rise, count):
+def test_agreeing_observations_keep_their_weight(rise, count):
     costs = np.full(count, 100.0)
     assert not is_acceptable(np.full(count, rise), costs)
     assert is_acceptable(np.full(count, -rise), costs)
@@ -113,7 +113,7 @@ def jointly_learned(observed, simulator):
     return learn(observed, simulator, options).learned
 
 
-def test_joint_estimation_knows_what_only_has_to_be_large_enough(event_driven, true_parameters):
+def test_joint_estimation_has_one_sided_intervals(event_driven, true_parameters):
     # No throw slips at 0.35 or more. An estimate that lets a ball slip by what noise feigns has a
     # slope that gives μ to ± 0.002; the true one is 0.6.
     true = replace_pair(true_parameters, 0.6)
@@ -137,7 +137,7 @@ def test_joint_estimation_knows_what_only_has_to_be_large_enough(event_driven, t
     assert sided >= 1
 
 
-def test_joint_estimation_of_what_is_known_on_both_sides_has_no_interval(event_driven, throws):
+def test_joint_estimation_without_interval_of_two_sided_parameters(event_driven, throws):
     learned = jointly_learned(throws(8, 3, 0.003, 0.01), event_driven)
     assert learned.identified[PAIR : PAIR + 3].all()
     assert np.isnan(learned.intervals).all()

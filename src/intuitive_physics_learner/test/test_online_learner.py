@@ -65,7 +65,7 @@ def test_data_that_confirm_make_the_published_uncertainty_smaller(stream, true_p
     assert published[-1].observation_count == 24
 
 
-def test_what_leaves_the_window_still_counts(stream):
+def test_retired_observations_still_count(stream):
     learner, published, _ = stream
     state = learner.state
     assert len(state.window) == OPTIONS.window
@@ -105,7 +105,7 @@ def test_a_disturbed_throw_is_set_aside_and_changes_nothing(event_driven, throws
     assert np.diag(learner.state.posterior.matrix) == pytest.approx(np.diag(information), rel=0.5)
 
 
-def test_goes_on_exactly_where_it_was(event_driven, throws):
+def test_learner_resumes_exactly(event_driven, throws):
     observed = noisy_throws(throws, 9, 1)
     whole = OnlineLearner(event_driven, OPTIONS)
     parts = OnlineLearner(event_driven, OPTIONS)
@@ -125,7 +125,7 @@ def test_the_same_observation_counts_once(event_driven, throws):
     assert learner.state.processed == len(learner.state.window) == 1
 
 
-def test_what_an_earlier_candidate_predicted_worse_does_not_add_up(event_driven, throws):
+def test_score_of_worse_candidates_is_bounded(event_driven, throws):
     learner = OnlineLearner(event_driven, OPTIONS)
     observed = noisy_throws(throws, 6, 11)
     learner.learn_from_all(observed[:4])
@@ -213,9 +213,7 @@ def test_values_that_a_user_sets_are_knowledge_to_go_on_from(store, glide, glidi
 
 
 @pytest.mark.parametrize(("searched", "met"), [(4, 5), (9, 1)])
-def test_only_what_a_window_holds_is_learned_again_after_a_search(
-    store, glide, gliding, searched, met
-):
+def test_window_is_learned_again_after_a_search(store, glide, gliding, searched, met):
     generator = np.random.default_rng(9)
     first = [gliding(generator, 0.8) for _ in range(searched)]
     store.add_all(first)
@@ -301,7 +299,7 @@ def test_a_prior_counts_as_the_inverse_of_its_variance(glide, gliding):
     assert learner.state.published.given is not None
 
 
-def test_what_a_user_gave_does_not_grow_older(glide, gliding):
+def test_given_knowledge_is_not_forgotten(glide, gliding):
     learner = OnlineLearner(glide, OnlineOptions(window=6, time_constant=10.0))
     learner.adopt(replace(given_restitution(0.5, 0.01, PRIOR), version=1), informed=True)
     matrix = learner.state.retired.matrix.copy()
@@ -322,7 +320,7 @@ def test_an_unreadable_row_is_passed_over(store, glide, gliding):
     assert learning.learner.state.processed == 2
 
 
-def test_what_was_excluded_leaves_and_comes_back_when_it_is_included(store, glide, gliding):
+def test_excluded_observation_returns_when_included(store, glide, gliding):
     generator = np.random.default_rng(7)
     store.add_all([gliding(generator, 0.8) for _ in range(3)])
     learn_all(store, glide)

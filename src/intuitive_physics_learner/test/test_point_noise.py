@@ -99,7 +99,7 @@ def test_shared_errors_have_the_covariance_of_the_bias():
     np.testing.assert_allclose(moved[0], np.tile(1.5 * 2e-3 * axis, (50, 1)), atol=1e-9)
 
 
-def test_what_all_observations_share_does_not_average_out():
+def test_shared_errors_do_not_average_out():
     """x_i = θ + b + ε_i / √n with b ~ N(0, β²) common: σ_θ² = (n/σ²)⁻¹ + β², however many i."""
     beta, sigma, count = 0.3, 0.1, 400
     # Unknowns of each: the amount of the shared error in units of β, then θ.

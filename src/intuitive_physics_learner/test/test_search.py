@@ -108,7 +108,7 @@ def test_ends_when_there_is_nothing_left_to_try():
     assert result.iterations == 2**5
 
 
-def test_progress_tells_every_cost_once():
+def test_progress_reports_every_cost_once():
     reports = []
     result = search_of("cma_es").run(ConvergenceCriteria(130), on_progress=reports.append)
     assert [cost for progress in reports for cost in progress.new_costs] == result.history.tolist()

@@ -143,7 +143,7 @@ def test_one_throw_moves_the_guess_part_of_the_way_and_more_of_them_farther():
         assert moves[-1] == pytest.approx(1.0, abs=0.02)
 
 
-def test_what_says_nothing_of_the_spin_moves_nothing():
+def test_uninformative_throw_moves_nothing():
     nothing = SpinLikelihood.of(
         UnknownSpin("ball", STATED, np.arange(3)), np.zeros(3), STATED**2 * np.eye(3), STATED
     )
@@ -174,14 +174,14 @@ def test_the_prior_of_the_fit_is_taken_out(prior):
 
 
 @given(st.floats(0.5, 300.0), st.floats(0.1, 1000.0))
-def test_evidence_begins_again_from_what_was_published(deviation, count):
+def test_evidence_from_a_published_version(deviation, count):
     spins = InitialSpins({"ball": SpinSpread(deviation, count, STATED)})
     (again,) = SpinEvidence.about(spins).initial_spins().by_material.values()
     assert again.deviation == pytest.approx(deviation, rel=1e-3)
     assert again.count == pytest.approx(count)
 
 
-def test_what_is_forgotten_leaves_the_guess():
+def test_forgotten_evidence_leaves_the_guess():
     evidence = SpinEvidence()
     evidence.add_all([measured(np.full(3, 2.0), 0.1)] * 20)
     counts, deviations = [], []
@@ -226,7 +226,7 @@ def test_learned_in_batch_and_on_line_alike(event_driven, sigma):
     assert online.count == pytest.approx(batch.count, rel=0.25)
 
 
-def test_a_search_that_knows_nothing_of_spins_leaves_what_was_known(event_driven):
+def test_search_without_spins_keeps_earlier_spins(event_driven):
     observed = throws(event_driven, 2, 0, 2.0, frames=15)
     first = learn(observed, event_driven, OPTIONS).learned
     rule = LearningOptions("random", ConvergenceCriteria(5))

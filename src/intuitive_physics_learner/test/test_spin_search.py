@@ -95,7 +95,7 @@ def test_where_all_is_explained_there_is_no_other_spin():
     assert other_spin(model_of((0.0, 0.0, 0.0))) is None
 
 
-def test_a_spin_that_was_seen_is_not_looked_for():
+def test_known_spin_is_not_searched():
     assert other_spin(model_of((0.0, -40.0, 0.0), known=True)) is None
 
 
@@ -106,7 +106,7 @@ def test_a_fit_that_has_reached_the_end_is_left_alone():
     assert not model.other_spins(estimate)
 
 
-def test_what_is_said_of_a_spin_is_that_of_the_one_that_explains_more():
+def test_likelihood_is_of_the_spin_that_explains_more():
     # Before the bounce, where the fit begins, the spin moves nothing.
     model = model_of((0.0, -40.0, 0.0))
     fit = JointFit(model.task, SETTINGS)

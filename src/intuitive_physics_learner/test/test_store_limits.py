@@ -65,7 +65,7 @@ def test_an_observation_with_too_many_materials_is_not_stored(path, of_materials
         assert store.add(of_materials("d", "y"))
 
 
-def test_what_was_learned_counts_too(path, of_materials):
+def test_materials_of_learned_versions_count(path, of_materials):
     with ObservationStore(path) as store:
         store.add(of_materials("a", "x"))
         with pytest.raises(InvalidInputError, match="got 5"):

@@ -57,9 +57,7 @@ def saved_searches(store):
 
 
 @pytest.mark.parametrize(("method", "kills"), [("cma_es", 3), ("hybrid_random", 1)])
-def test_a_search_that_is_killed_again_and_again_ends_as_if_it_had_not(
-    path, tmp_path, event_driven, throws, method, kills
-):
+def test_repeatedly_killed_search_ends_alike(path, tmp_path, event_driven, throws, method, kills):
     observed, iterations = throws(4, 0, noise=0.003), 1500
     with ObservationStore(tmp_path / "other.sqlite3") as other:
         other.add_all(observed)
@@ -89,7 +87,7 @@ def test_a_search_that_is_killed_again_and_again_ends_as_if_it_had_not(
     assert learned.to_dict() == whole.learned.to_dict()
 
 
-def test_the_same_search_goes_on_and_another_begins_again(store, glide, glides, monkeypatch):
+def test_same_search_is_resumed_and_another_restarts(store, glide, glides, monkeypatch):
     monkeypatch.setattr(parameter_search, "CHECKPOINT_PERIOD", 0.0)
     store.add(glides(np.random.default_rng(0), 0.4))
     asked = options(2000, method="random")
@@ -135,7 +133,7 @@ def test_time_before_the_interruption_counts(store, glide, glides, monkeypatch):
     assert result.learned.version == 1
 
 
-def test_versions_are_stored_and_learning_goes_on_from_them(store, glide, glides):
+def test_versions_are_stored_and_start_the_next_search(store, glide, glides):
     generator = np.random.default_rng(0)
     for _ in range(3):
         store.add(glides(generator, 0.4))
@@ -220,6 +218,6 @@ def test_a_search_never_supersedes_values_that_were_given_since_it_began(store, 
     assert again.learned.version == 2
 
 
-def test_a_search_supersedes_what_was_learned_meanwhile(store, throws):
+def test_search_supersedes_background_versions(store, throws):
     learned = given_meanwhile(store, throws, make_simulator("event_driven"), "online")
     assert learned.learned.version == store.newest_version() == 2

@@ -81,9 +81,9 @@ def test_order_of_ask_and_tell(name):
     with pytest.raises(InvalidInputError, match="at least 1"):
         rule.ask(0)
     points = rule.ask(3)
-    with pytest.raises(InvalidInputError, match="were told"):
+    with pytest.raises(InvalidInputError, match="were given"):
         rule.ask(3)
-    with pytest.raises(InvalidInputError, match="were told"):
+    with pytest.raises(InvalidInputError, match="were given"):
         rule.state_dict()
     with pytest.raises(InvalidInputError, match="shape"):
         rule.tell(np.zeros(len(points) + 1))

@@ -221,7 +221,7 @@ def status_of(caller, name):
     return None
 
 
-def test_learns_what_made_the_observations(start, caller, throws, true_parameters):
+def test_learns_the_true_parameters(start, caller, throws, true_parameters):
     start("max_iterations:=1500", "seed:=3")
     answer = caller.call(GetStaticParameters)
     assert answer.result.value == ResultCode.NOT_READY
@@ -263,7 +263,7 @@ def test_learns_what_made_the_observations(start, caller, throws, true_parameter
     late.close()
 
 
-def test_wrong_requests_get_their_codes(start, caller, glides, boxed):
+def test_result_codes_of_wrong_requests(start, caller, glides, boxed):
     start("max_iterations:=10", "simulator:=event_driven")
     observation = glides(np.random.default_rng(0), 0.5)
     assert caller.add(observation).result.value == ResultCode.OK
@@ -306,7 +306,7 @@ def test_wrong_requests_get_their_codes(start, caller, glides, boxed):
     assert caller.result_of(result).result.result.value == ResultCode.UNKNOWN_METHOD
 
 
-def test_exports_stay_below_the_folder_that_is_given(tmp_path):
+def test_exports_stay_below_the_export_folder(tmp_path):
     top = tmp_path / "top"
     top.mkdir()
     (top / "link").symlink_to(tmp_path)
@@ -511,7 +511,7 @@ def test_stays_responsive_and_busy_while_it_learns(start, caller, throws):
     assert (answer.result.value, answer.static_parameters.version) == (ResultCode.OK, 1)
 
 
-def test_action_tells_its_progress(start, caller, throws):
+def test_action_reports_its_progress(start, caller, throws):
     start()
     caller.add_all(throws(6, 0))
     feedback = []
@@ -539,7 +539,7 @@ def test_takes_over_parameters(start, caller):
     assert list(caller.published[-1].materials) == ["ice", "steel"]
 
 
-def test_given_values_are_held_or_priors_as_the_caller_says(start, caller, throws):
+def test_given_values_are_fixed_or_priors(start, caller, throws):
     start()
     caller.add_all(throws(4, 0))
     values = LearnedParameters.defaults(["ball", "floor"])
@@ -593,7 +593,7 @@ def test_nothing_is_lost_by_kill_9(start, caller, throws):
     again.close()
 
 
-def test_a_search_that_was_killed_goes_on(start, caller, throws, tmp_path):
+def test_killed_search_is_resumed(start, caller, throws, tmp_path):
     options = LearningOptions(method="random", max_iterations=30_000, seed=4)
     node = start("simulator:=event_driven")
     observed = throws(8, 0)
@@ -691,7 +691,7 @@ def level_of_room(caller):
     return None if status is None else status[0]
 
 
-def test_a_database_of_its_largest_size_refuses_counts_and_says_so(start, caller, glides):
+def test_full_database_refuses_and_reports(start, caller, glides):
     node = start()
     generator = np.random.default_rng(0)
     assert caller.add(glides(generator, 0.5)).added
@@ -715,7 +715,7 @@ def test_a_database_of_its_largest_size_refuses_counts_and_says_so(start, caller
     assert node.output.count("beyond which no observation is added") == 1
 
 
-def test_a_disk_that_fills_is_warned_of_in_time(start, caller):
+def test_warning_before_the_disk_is_full(start, caller):
     node = start(f"least_free_space:={10**12}")
     caller.spin_until(lambda: level_of_room(caller) == DiagnosticStatus.WARN)
     assert "expected at least 1000000000000; make room" in node.output
@@ -723,7 +723,7 @@ def test_a_disk_that_fills_is_warned_of_in_time(start, caller):
     caller.spin_until(lambda: level_of_room(caller) == DiagnosticStatus.OK)
 
 
-def test_a_file_that_is_no_database_stops_it_with_one_line(start, tmp_path):
+def test_file_that_is_no_database_ends_the_node_with_one_line(start, tmp_path):
     garbage = tmp_path / "garbage"
     garbage.write_bytes(os.urandom(5000))
     node = start(database=garbage)
@@ -743,7 +743,7 @@ def test_ends_cleanly_while_it_learns(start, caller, throws, number):
     assert node.stop(number) == 0, node.output
 
 
-def test_outlives_callers_that_leave(start, caller, throws):
+def test_node_survives_callers_that_leave(start, caller, throws):
     node = start()
     caller.add_all(throws(3, 0))
     leaving = Caller()

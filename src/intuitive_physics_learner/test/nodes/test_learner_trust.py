@@ -98,7 +98,7 @@ def materials(count):
     return [f"material {i}" for i in range(count)]
 
 
-def test_an_observation_of_many_materials_is_refused_and_stored_nowhere(start, peer, database):
+def test_observation_of_many_materials_is_refused(start, peer, database):
     node = start()
     for result in (
         add(peer, stage(materials=materials(999))).result,
@@ -230,7 +230,7 @@ main = learner_node.main
 """
 
 
-def test_what_is_learned_outlives_those_who_watched(database, peer, tmp_path, monkeypatch):
+def test_result_is_stored_after_callers_left(database, peer, tmp_path, monkeypatch):
     (tmp_path / "deaf_node.py").write_text(DEAF)
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}")
     parameters = ["-p", f"database:={database}", "-p", "online:=false"]
@@ -248,7 +248,7 @@ def test_what_is_learned_outlives_those_who_watched(database, peer, tmp_path, mo
         assert got.static_parameters.version == 1
 
 
-def test_values_that_are_given_end_the_search_that_knows_nothing_of_them(start, peer):
+def test_given_values_end_a_running_search(start, peer):
     start()
     add(peer, stage())
     goal = Goal(peer)
@@ -269,7 +269,7 @@ def test_values_that_are_given_end_the_search_that_knows_nothing_of_them(start, 
     assert got.static_parameters.version == answer.version
 
 
-def test_a_busy_database_holds_nothing_but_what_needs_it(start, peer, database):
+def test_busy_database_blocks_only_its_users(start, peer, database):
     start()
     add(peer, stage())
     given = SetStaticParameters.Request(
@@ -316,7 +316,7 @@ def test_observations_that_wait_take_little_memory():
     assert queue.stop(5.0) == 2
 
 
-def test_an_observation_that_is_refused_does_not_hold_the_next_ones(database):
+def test_refused_observation_does_not_block_the_next(database):
     refused = []
     with ObservationStore(database) as store:
         queue = ObservationQueue(store, lambda: None, refused.append)

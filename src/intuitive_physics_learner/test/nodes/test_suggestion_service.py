@@ -73,7 +73,7 @@ def asking(tmp_path, throws):
         node.close()
 
 
-def test_suggests_throws_of_what_was_seen(asking, throws):
+def test_suggests_throws_of_observed_objects(asking, throws):
     node = asking()
     answer = node.call(Suggest, about=[E], count=3, seed=1, **RANGES)
     assert answer.result.value == ResultCode.OK, answer.result.message
@@ -103,7 +103,7 @@ def test_suggests_throws_of_what_was_seen(asking, throws):
     assert both.result.value == ResultCode.INVALID_INPUT
 
 
-def test_refuses_what_it_cannot_do_and_ends_well(asking):
+def test_refusals_and_clean_end(asking):
     node = asking()
     for fields, code, words in (
         ({"about": ["bounce"]}, ResultCode.UNKNOWN_NAME, "expected one of"),

@@ -42,6 +42,13 @@ from intuitive_physics_ros.scripting import NodeProcess, Peer
 
 MODULE = "intuitive_physics_learner.nodes.learner_node"
 
+SERVICES = {
+    AddObservation: "/learner_node/add_observation",
+    GetStaticParameters: "/learner_node/get_static_parameters",
+    ListObservations: "/learner_node/list_observations",
+    SetStaticParameters: "/learner_node/set_static_parameters",
+}
+
 
 @pytest.fixture
 def database(tmp_path):
@@ -89,9 +96,12 @@ def stage(count=1, materials=("floor",), duration=1.0, name=""):
     )
 
 
+def call(peer, kind, **fields):
+    return peer.call(kind, SERVICES[kind], kind.Request(**fields))
+
+
 def add(peer, observation):
-    request = AddObservation.Request(observation=observation_to_message(observation))
-    return peer.call(AddObservation, "/learner_node/add_observation", request)
+    return call(peer, AddObservation, observation=observation_to_message(observation))
 
 
 def materials(count):
@@ -100,18 +110,13 @@ def materials(count):
 
 def test_observation_of_many_materials_is_refused(start, peer, database):
     node = start()
-    for result in (
-        add(peer, stage(materials=materials(999))).result,
-        peer.call(
-            SetStaticParameters,
-            "/learner_node/set_static_parameters",
-            SetStaticParameters.Request(
-                static_parameters=StaticParameters(materials=materials(20_000))
-            ),
-        ).result,
+    large = StaticParameters(materials=materials(20_000))
+    for answer in (
+        add(peer, stage(materials=materials(999))),
+        call(peer, SetStaticParameters, static_parameters=large),
     ):
-        assert result.value == ResultCode.INVALID_INPUT
-        assert "expected at most 32" in result.message
+        assert answer.result.value == ResultCode.INVALID_INPUT
+        assert "expected at most 32" in answer.result.message
     # Over the topic too, where nobody is answered.
     topic = peer.publisher(Observation, "intuitive_physics/observations", OBSERVATIONS)
     topic.publish(observation_to_message(stage(materials=materials(20), name="first")))
@@ -141,19 +146,12 @@ def test_a_database_of_an_older_version_that_holds_too_much_starts(start, peer, 
     node = start()
     node.wait_for("1 of 2 observations cannot be read and are passed over")
     node.wait_for("version 2 of the learned parameters cannot be read")
-    got = peer.call(
-        GetStaticParameters, "/learner_node/get_static_parameters", GetStaticParameters.Request()
-    )
-    assert got.result.value == ResultCode.OK
-    assert (got.static_parameters.version, got.static_parameters.materials) == (2, ["box", "floor"])
-    listed = peer.call(
-        ListObservations, "/learner_node/list_observations", ListObservations.Request()
-    )
-    none = peer.call(
-        ListObservations,
-        "/learner_node/list_observations",
-        ListObservations.Request(after=2**64 - 1, limit=2**32 - 1),
-    )
+    answer = call(peer, GetStaticParameters)
+    assert answer.result.value == ResultCode.OK
+    assert answer.static_parameters.version == 2
+    assert answer.static_parameters.materials == ["box", "floor"]
+    listed = call(peer, ListObservations)
+    none = call(peer, ListObservations, after=2**64 - 1, limit=2**32 - 1)
     assert none.result.value == ResultCode.OK
     assert not none.observations
     assert [entry.status for entry in listed.observations] == ["used", "unreadable"]
@@ -240,12 +238,7 @@ def test_result_is_stored_after_callers_left(database, peer, tmp_path, monkeypat
         goal = Goal(peer, options)
         assert goal.result().value == ResultCode.OK
         node.wait_for("feedback of a search failed: RuntimeError: nobody listens")
-        got = peer.call(
-            GetStaticParameters,
-            "/learner_node/get_static_parameters",
-            GetStaticParameters.Request(),
-        )
-        assert got.static_parameters.version == 1
+        assert call(peer, GetStaticParameters).static_parameters.version == 1
 
 
 def test_given_values_end_a_running_search(start, peer):
@@ -254,38 +247,28 @@ def test_given_values_end_a_running_search(start, peer):
     goal = Goal(peer)
     peer.spin_until(lambda: goal.feedback, "the search")
     given = LearnedParameters.defaults(["box", "floor"])
-    answer = peer.call(
-        SetStaticParameters,
-        "/learner_node/set_static_parameters",
-        SetStaticParameters.Request(static_parameters=static_parameters_to_message(given)),
-    )
+    answer = call(peer, SetStaticParameters, static_parameters=static_parameters_to_message(given))
     assert answer.result.value == ResultCode.OK
     result = goal.result()
     assert result.value == ResultCode.CANCELLED
     assert "of the static parameters was given while this search ran" in result.message
-    got = peer.call(
-        GetStaticParameters, "/learner_node/get_static_parameters", GetStaticParameters.Request()
-    )
-    assert got.static_parameters.version == answer.version
+    assert call(peer, GetStaticParameters).static_parameters.version == answer.version
 
 
 def test_busy_database_blocks_only_its_users(start, peer, database):
     start()
     add(peer, stage())
-    given = SetStaticParameters.Request(
-        static_parameters=static_parameters_to_message(LearnedParameters.defaults(["box"]))
-    )
-    name = "/learner_node/set_static_parameters"
-    assert peer.call(SetStaticParameters, name, given).result.value == ResultCode.OK
+    given = static_parameters_to_message(LearnedParameters.defaults(["box"]))
+    answer = call(peer, SetStaticParameters, static_parameters=given)
+    assert answer.result.value == ResultCode.OK
     diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
     other = sqlite3.connect(database, isolation_level=None, check_same_thread=False)
     other.execute("BEGIN IMMEDIATE")
-    waiting = peer.send(SetStaticParameters, name, given)
+    request = SetStaticParameters.Request(static_parameters=given)
+    waiting = peer.send(SetStaticParameters, SERVICES[SetStaticParameters], request)
     peer.spin_for(0.2)
     heard = len(diagnostics)
-    peer.call(
-        GetStaticParameters, "/learner_node/get_static_parameters", GetStaticParameters.Request()
-    )
+    call(peer, GetStaticParameters)
     assert not waiting.done()
     peer.spin_until(lambda: len(diagnostics) >= heard + 2, "diagnostics")
     assert not waiting.done()
@@ -335,7 +318,7 @@ def test_requests_that_wait_have_an_end(start, peer, database):
     sent = [
         peer.send(
             AddObservation,
-            "/learner_node/add_observation",
+            SERVICES[AddObservation],
             AddObservation.Request(observation=observation_to_message(stage(name=f"{i}"))),
         )
         for i in range(4)

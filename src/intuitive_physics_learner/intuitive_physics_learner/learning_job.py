@@ -66,7 +66,7 @@ class LearningJob:
 
     @property
     def cancelled(self) -> bool:
-        """Whether it was told to stop."""
+        """Whether a stop was requested."""
         return self._stop.is_set()
 
     @property

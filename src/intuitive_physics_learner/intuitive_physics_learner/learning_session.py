@@ -133,7 +133,7 @@ def learn(
         (`LearnedParameters.given`) holds: fixed values are not searched, and joint estimation takes
         priors as such; rules that lower J only begin at their values.
     on_progress : called after each step of the search
-    cancelled : looked at between batches of candidates
+    cancelled : polled between batches of candidates
     resume : what `on_checkpoint` was given by a search with the same observations, options and
         previous θ_s, which continues exactly as if it had not stopped
     on_checkpoint : called about once a second with the state of the search, as plain JSON data

@@ -86,7 +86,7 @@ def learn_from_store(
     simulator : the engine that simulates candidates
     options : how to learn
     on_progress : called after each step of the search
-    cancelled : looked at between batches of candidates
+    cancelled : polled between batches of candidates
     make_cost : what evaluates J; by default this process
 
     Raises

@@ -33,7 +33,7 @@ AIR_ACCELERATION = 10.0
 be as light as a balloon, m/s²."""
 
 JUMP_DURATION = 0.15
-"""Longest time between points over which a jump is looked for, s."""
+"""Longest time between points of a jump, s."""
 
 IMPULSE_POINTS = 12
 """Points before and after an impulse: 0.4 s at 30 Hz and 2 cm of noise."""
@@ -328,7 +328,7 @@ def _steady(values: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[
 def _hops(track: Track, index: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the log p values (w,) that heights after a place are those before it.
 
-    What is looked for are free flights up and down again, of several durations.
+    A hop is a free flight up and down again; several durations are tried.
     """
     half = index.shape[1] // 2
     heights = (track.positions @ track.up)[index]

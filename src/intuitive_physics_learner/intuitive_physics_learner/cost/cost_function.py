@@ -252,7 +252,7 @@ class InterruptibleCost(Cost):
     Parameters
     ----------
     cost : what evaluates J
-    cancelled : looked at before each share
+    cancelled : polled before each share
 
     Raises
     ------

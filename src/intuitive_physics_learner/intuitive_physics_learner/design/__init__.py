@@ -1,4 +1,4 @@
-"""Bayesian experimental design: which throw would tell most about what is asked."""
+"""Bayesian experimental design: the most informative throw for a question."""
 
 from intuitive_physics_learner.design.expected_information import (
     ExpectedPosteriors,

@@ -69,7 +69,7 @@ def suggest_from_store(
     *,
     cancelled: Callable[[], bool] = lambda: False,
 ) -> list[Suggestion]:
-    """Return the throws that are expected to tell most, the best first.
+    """Return the most informative throws, the best first.
 
     Objects, environment, noise, rate and view are those of the newest stored observations, the view
     with all places from which may be thrown; what is known of θ_s is the newest version.
@@ -79,7 +79,7 @@ def suggest_from_store(
     store : of observations and θ_s
     simulator : of throws and queries
     request : what is asked
-    cancelled : looked at between batches of simulations
+    cancelled : polled between batches of simulations
 
     Raises
     ------

@@ -31,7 +31,7 @@ NEIGHBOURS = 8
 
 @dataclass(frozen=True, eq=False)
 class Suggestion:
-    """One throw, and what it is expected to tell.
+    """One throw, and its expected information.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def suggest(
     settings: DesignSettings | None = None,
     cancelled: Callable[[], bool] = lambda: False,
 ) -> list[Suggestion]:
-    """Return the throws that are expected to tell most, the best first.
+    """Return the most informative throws, the best first.
 
     The gain of a throw is
 
@@ -85,7 +85,7 @@ def suggest(
     rng : of all randomness
     count : of throws to return at most
     settings : how candidates are drawn and judged
-    cancelled : looked at between batches of simulations
+    cancelled : polled between batches of simulations
 
     Raises
     ------

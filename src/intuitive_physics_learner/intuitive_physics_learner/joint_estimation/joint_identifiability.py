@@ -174,7 +174,7 @@ def agreed_deviations(
     variances = np.array([half.deviations for half in halves]) ** 2
     informative = variances < LARGEST_DEVIATION**2
     ratios = np.sqrt(_mean(apart / (0.5 * variances), informative))
-    # Slopes of a half that lies where the loss is flat tell nothing of the end.
+    # Slopes of a half that lies where the loss is flat say nothing of the end.
     pooled = np.where(free.any(axis=1), 0.0, (1.0 / variances).sum(axis=0) ** -0.5)
     factors = _family_factors(ratios, families, FAMILY_WEIGHT)
     agreed = np.maximum(deviations * factors, pooled)

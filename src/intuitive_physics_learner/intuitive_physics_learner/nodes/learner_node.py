@@ -209,16 +209,13 @@ class LearnerNode(ManagedNode):
     def _store_given_parameters(self, request: SetStaticParameters.Request) -> LearnedParameters:
         """Store what a request gives on top of the newest θ_s, whoever stored that."""
         values = static_parameters_from_message(request.static_parameters)
-        mode, bounds = mode_of(request), bounds_of(request.bounds)
+        mode, bounds, store = mode_of(request), bounds_of(request.bounds), self._local_store
         deadline = time.monotonic() + ADD_PATIENCE
         while True:
-            version, newest = (
-                self._local_store.newest_version(),
-                self._local_store.newest_parameters(),
-            )
+            version, newest = store.newest_version(), store.newest_parameters()
             given = given_parameters(values, mode, request.names, newest=newest, bounds=bounds)
             try:
-                stored = self._local_store.add_improvement(given, on=version)
+                stored = store.add_improvement(given, on=version)
             except DatabaseBusyError:
                 if time.monotonic() > deadline:
                     raise

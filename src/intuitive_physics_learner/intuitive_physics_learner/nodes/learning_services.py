@@ -107,7 +107,7 @@ class RequestedSearches:
         return None if self._job is None or self._job.done else self._job
 
     def cancel(self, why: str) -> None:
-        """Cancel a search that runs; its caller is told why."""
+        """Cancel a search that runs; its caller gets the reason."""
         if self.running is not None:
             self.running.cancel(why)
             self._changed.set()

@@ -1,4 +1,4 @@
-"""The learner node's service that says which throw would tell most."""
+"""The learner node's service that suggests the most informative throws."""
 
 from __future__ import annotations
 

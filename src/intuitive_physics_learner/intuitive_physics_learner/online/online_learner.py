@@ -68,7 +68,7 @@ MEMORY = 20.0
 and of the share that can be explained; set by hand."""
 
 RECENT = 8
-"""Number of last observations among which the beginning of a change is looked for."""
+"""Number of last observations among which a change may begin."""
 
 FEWEST_CHANGED = 4
 """Observations that must agree on a change: fewer may be disturbed alike by chance."""
@@ -78,7 +78,7 @@ LARGEST_DOUBTFUL_COUNT = 16
 
 
 WEIGHING_ROUNDS = 2
-"""Times that weights are computed again from what they give: they hardly change any more."""
+"""Rounds of computing weights: after two they hardly change."""
 
 LARGEST_CHANGE_COUNT = 10
 """Changes that are remembered at most."""
@@ -143,7 +143,7 @@ class OnlineLearner:
         Parameters
         ----------
         observations : new ones
-        seconds_left : looked at between steps; each observation takes its part in any case
+        seconds_left : called between steps; each observation takes its part in any case
 
         Returns
         -------
@@ -151,7 +151,7 @@ class OnlineLearner:
         """
         self._assessments = []
         given = {observation.id for observation in observations}
-        # What a user gives back is looked at again.
+        # Observations that a user includes again are fitted again.
         doubtful = [member for member in self.state.doubtful if member.id not in given]
         self.state.set_aside -= len(self.state.doubtful) - len(doubtful)
         self.state.processed -= len(self.state.doubtful) - len(doubtful)
@@ -202,11 +202,11 @@ class OnlineLearner:
 
     @property
     def kept_observations(self) -> list[Observation]:
-        """Observations without which the state cannot go on, a bounded number."""
+        """Observations that the state needs to continue, a bounded number."""
         return list(self._observations.values())
 
     def _influence(self, observations: Sequence[Observation]) -> NDArray[np.bool_]:
-        """Which observation can tell of which parameter, (n_observations, n)."""
+        """Which observation depends on which free parameter, (n_observations, n)."""
         influence = parameter_influence(observations, self.state.materials)
         return np.asarray(influence & ~self.state.held)
 
@@ -302,7 +302,7 @@ class OnlineLearner:
         self._assessments.append(assessment)
 
     def _retry_doubtful(self) -> None:
-        """Fit the doubtful observation that was looked at longest ago to what is known now."""
+        """Fit the doubtful observation whose last fit is oldest to the present knowledge."""
         state = self.state
         if not state.doubtful:
             return
@@ -408,7 +408,7 @@ class OnlineLearner:
         state.narrowings = kept * state.narrowings + narrowing / scale
 
     def _scans(self) -> bool:
-        """Whether this fit looks for other optima: always at first, then now and then."""
+        """Whether this fit scans for other optima: always at first, then periodically."""
         full = len(self.state.window) >= self._options.window
         return not full or self.state.processed % SCAN_PERIOD == 0
 

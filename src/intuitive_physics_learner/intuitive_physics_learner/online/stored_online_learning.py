@@ -1,4 +1,4 @@
-"""Recursive learning from a store: it goes on where it was, whatever happened to the process."""
+"""Recursive learning from a store; it resumes exactly after the process was killed."""
 
 from __future__ import annotations
 

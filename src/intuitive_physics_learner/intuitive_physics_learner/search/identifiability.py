@@ -143,7 +143,7 @@ def identify(
     parameters : θ_s that the search found
     active : (|θ_s|,) bool, which parameters to ask about; the others are taken to have no influence
         (`active_parameters`); None asks about all
-    cancelled : looked at between batches
+    cancelled : polled between batches
 
     Raises
     ------

@@ -204,7 +204,7 @@ class ObservationStore:
         ids : of the observations; empty: all
         statuses : of the observations; empty: all
         after : only observations with a higher number
-        limit : entries at most; negative: no limit. Give the last number as `after` to go on
+        limit : entries at most; negative: no limit. Give the last number as `after` to continue
         newest : the newest first instead of in the order in which they came
         """
         with self._database.reading() as connection:

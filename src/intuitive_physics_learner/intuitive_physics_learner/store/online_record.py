@@ -17,7 +17,7 @@ from intuitive_physics_learner.store.observation_entries import (
 class OnlineRecord:
     """The part of an open database that learning in the background reads.
 
-    Reading takes no longer the more observations there are.
+    The time of reading does not grow with the number of observations.
     """
 
     def __init__(self, database: Database) -> None:

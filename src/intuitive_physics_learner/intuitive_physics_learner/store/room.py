@@ -13,7 +13,7 @@ WAYS_OUT = (
     "delete observations, raise largest_database (a parameter of the node; --input-limit of the "
     "command), or take another database"
 )
-"""Advice to users whose database may not grow any more."""
+"""Advice to users whose database has its largest size."""
 
 NEARLY = 0.9
 """Part of its largest size from which on a database is warned of."""

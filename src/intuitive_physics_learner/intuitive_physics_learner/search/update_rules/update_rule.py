@@ -69,7 +69,7 @@ class UpdateRule(ABC):
         Raises
         ------
         InvalidInputError
-            When the limit is below one or the costs of the last candidates were not told.
+            When the limit is below one or the costs of the last candidates were not given.
         """
         if limit < 1:
             raise InvalidInputError(f"asked for {limit} candidates; expected at least 1")
@@ -103,7 +103,7 @@ class UpdateRule(ABC):
         Raises
         ------
         InvalidInputError
-            When the costs of the last candidates were not told.
+            When the costs of the last candidates were not given.
         """
         self._check_updated("asked for the state")
         within = self._generation is not None

@@ -51,9 +51,7 @@ from intuitive_physics_learner.search.convergence import (
     SearchResult,
     StopReason,
 )
-from intuitive_physics_learner.search.identifiability import (
-    Identifiability,
-)
+from intuitive_physics_learner.search.identifiability import Identifiability
 from intuitive_physics_learner.search.learning_task import GaussianPrior, LearningTask
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.store.observation_entries import Assessment

@@ -235,9 +235,7 @@ class _StoredSearch:
 
 
 def _key(
-    observations: Sequence[Observation],
-    simulator: Simulator,
-    options: LearningOptions,
+    observations: Sequence[Observation], simulator: Simulator, options: LearningOptions
 ) -> str:
     """Digest of all that determines a search, apart from the θ_s it starts from."""
     parts = {

@@ -19,10 +19,7 @@ from intuitive_physics_learner import (
     learn,
     learn_from_store,
 )
-from intuitive_physics_learner.assessment import (
-    assess_observations,
-    reassessed,
-)
+from intuitive_physics_learner.assessment import assess_observations, reassessed
 from intuitive_physics_learner.assessment.assessment import (
     LEAST_POINTS,
     clean_part,

@@ -11,9 +11,7 @@ from intuitive_physics_learner.joint_estimation import (
     fit_horizons,
     normal_equations,
 )
-from intuitive_physics_learner.joint_estimation.joint_identifiability import (
-    ONE_SIDED_DEVIATIONS,
-)
+from intuitive_physics_learner.joint_estimation.joint_identifiability import ONE_SIDED_DEVIATIONS
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.normal_equations import NormalEquations, Posterior
 from intuitive_physics_learner.joint_estimation.observation_blocks import (

@@ -11,12 +11,7 @@ from hypothesis import strategies as st
 from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_learner import (
-    ConvergenceCriteria,
-    LearningOptions,
-    TrajectoryCost,
-    learn,
-)
+from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, TrajectoryCost, learn
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation import JointSearch
 from intuitive_physics_learner.joint_estimation.joint_identifiability import (
@@ -32,9 +27,7 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     InitialStateDeviations,
     InitialStates,
 )
-from intuitive_physics_learner.joint_estimation.point_noise import (
-    position_noise,
-)
+from intuitive_physics_learner.joint_estimation.point_noise import position_noise
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.search.learning_task import LearningTask
@@ -192,8 +185,7 @@ def test_initial_states_move_as_their_deviations_say(throws):
     # A sphere: three of position and three of velocity; its spin is known exactly.
     assert first.axes == tuple((0, k) for k in (0, 1, 2, 6, 7, 8))
     np.testing.assert_allclose(
-        first.standard_deviations,
-        PRIOR_WIDENING * STATE_NOISE * np.repeat([1.0, 5.0], 3),
+        first.standard_deviations, PRIOR_WIDENING * STATE_NOISE * np.repeat([1.0, 5.0], 3)
     )
     believed = observation.objects[0].initial_state.to_vector()
     ((moved,),) = InitialStates.of([first]).states(np.arange(1.0, 7.0)[None, None], 2)

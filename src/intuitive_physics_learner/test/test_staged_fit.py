@@ -17,10 +17,7 @@ from intuitive_physics_learner.cost.parameter_influence import parameter_influen
 from intuitive_physics_learner.cost.partial_cost import PartialCost
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings, staged_fit
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.staged_fit import (
-    StagedFit,
-    separable,
-)
+from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit, separable
 from intuitive_physics_learner.search.learning_task import FitTask, LearningTask
 from intuitive_physics_learner.search.search_space import ActiveSpace
 

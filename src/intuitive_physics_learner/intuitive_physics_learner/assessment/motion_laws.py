@@ -142,11 +142,7 @@ def _differences(gaps: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def flight_losses(
-    track: Track,
-    starts: NDArray[np.int64],
-    count: int,
-    *,
-    impulse: bool = False,
+    track: Track, starts: NDArray[np.int64], count: int, *, impulse: bool = False
 ) -> NDArray[np.float64]:
     """Return the least sums of squares (w,), without a unit, that remain without the worst point.
 
@@ -204,10 +200,7 @@ def jump_violation(track: Track) -> Violation | None:
 
 
 def _away(
-    track: Track,
-    first: NDArray[np.int64],
-    last: NDArray[np.int64],
-    bent: NDArray[np.float64],
+    track: Track, first: NDArray[np.int64], last: NDArray[np.int64], bent: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return how far steps are from what velocities make of them, (w,) σ, less `bent` (w,) m."""
     times, positions, noise = track.times, track.positions, track.noise
@@ -394,10 +387,7 @@ where the track as a whole violates the law."""
 
 
 def violations_of(
-    log_ps: NDArray[np.float64],
-    begins: NDArray[np.float64],
-    ends: NDArray[np.float64],
-    what: str,
+    log_ps: NDArray[np.float64], begins: NDArray[np.float64], ends: NDArray[np.float64], what: str
 ) -> Violation | None:
     """Put together what a test found at w places; None where there was no place.
 

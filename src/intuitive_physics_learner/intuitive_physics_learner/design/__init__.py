@@ -8,10 +8,7 @@ from intuitive_physics_learner.design.expected_information import (
 )
 from intuitive_physics_learner.design.questions import AboutMotion, AboutParameters, Question
 from intuitive_physics_learner.design.settings import DesignSettings
-from intuitive_physics_learner.design.stored_suggestion import (
-    SuggestionRequest,
-    suggest_from_store,
-)
+from intuitive_physics_learner.design.stored_suggestion import SuggestionRequest, suggest_from_store
 from intuitive_physics_learner.design.suggestion import Suggestion, suggest
 from intuitive_physics_learner.design.throws import (
     Throw,

@@ -188,10 +188,7 @@ def _execution_errors(
 
 
 def _linearised(
-    cost: Cost,
-    block: ObservationBlock,
-    estimate: NDArray[np.float64],
-    at: ParameterSteps,
+    cost: Cost, block: ObservationBlock, estimate: NDArray[np.float64], at: ParameterSteps
 ) -> Linearisation:
     deviations = np.full(block.prior_deviations.shape, 2.0 * STATE_STEP)
     return linearise(cost, block, estimate, deviations, at, block.durations)

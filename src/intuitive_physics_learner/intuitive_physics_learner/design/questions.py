@@ -48,10 +48,7 @@ class Question(ABC):
 
     @abstractmethod
     def directions(
-        self,
-        posterior: ParameterPosterior,
-        simulator: Simulator,
-        rng: np.random.Generator,
+        self, posterior: ParameterPosterior, simulator: Simulator, rng: np.random.Generator
     ) -> NDArray[np.float64]:
         """Slopes (r, n) of the functions per width of each of the n parameters."""
 
@@ -84,10 +81,7 @@ class AboutParameters(Question):
         return [(names[k], float(slopes[k])) for k in self.indices(names)]
 
     def directions(
-        self,
-        posterior: ParameterPosterior,
-        simulator: Simulator,
-        rng: np.random.Generator,
+        self, posterior: ParameterPosterior, simulator: Simulator, rng: np.random.Generator
     ) -> NDArray[np.float64]:
         """One for each parameter asked about, zero for all others.
 
@@ -155,10 +149,7 @@ class AboutMotion(Question):
         return [(f"{axis} of {self.object_id} at {self.time:g} s", 1.0) for axis in "xyz"]
 
     def directions(
-        self,
-        posterior: ParameterPosterior,
-        simulator: Simulator,
-        rng: np.random.Generator,
+        self, posterior: ParameterPosterior, simulator: Simulator, rng: np.random.Generator
     ) -> NDArray[np.float64]:
         """Slopes of the linear function that is closest to the answer over draws.
 

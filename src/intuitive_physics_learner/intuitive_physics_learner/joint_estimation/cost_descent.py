@@ -85,11 +85,7 @@ class CostDescent:
     finished : whether the descent has ended
     """
 
-    def __init__(
-        self,
-        task: FitTask,
-        generator: np.random.Generator,
-    ) -> None:
+    def __init__(self, task: FitTask, generator: np.random.Generator) -> None:
         self._cost = task.cost
         self._space = task.space
         self._influence = task.influence

@@ -19,10 +19,7 @@ from scipy.optimize import brentq
 from scipy.stats import binom, chi
 
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
-from intuitive_physics_learner.joint_estimation.normal_equations import (
-    OUTLIER_LENGTH,
-    robust_loss,
-)
+from intuitive_physics_learner.joint_estimation.normal_equations import OUTLIER_LENGTH, robust_loss
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
 
 LARGEST_STATE_DEVIATION = 0.3
@@ -203,9 +200,7 @@ def misfit_length(window: int, points: int, false_alarm: float) -> float:
 
 
 def misfit_starts(
-    block: ObservationBlock,
-    residuals: NDArray[np.float64],
-    horizons: NDArray[np.float64],
+    block: ObservationBlock, residuals: NDArray[np.float64], horizons: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the time (W,), in s, at which each fit begins to fail; infinite where it does not.
 

@@ -105,11 +105,7 @@ class JointFit:
     responsive : (n,) bool, which parameters any of the fitted points depends on
     """
 
-    def __init__(
-        self,
-        task: FitTask,
-        settings: JointEstimationSettings,
-    ) -> None:
+    def __init__(self, task: FitTask, settings: JointEstimationSettings) -> None:
         self.settings = settings
         self.prior = task.prior
         self.model = TrajectoryModel(task, settings)

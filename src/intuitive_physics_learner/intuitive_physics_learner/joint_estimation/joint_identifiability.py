@@ -59,9 +59,7 @@ SLOPE_STEP = 1e-5
 
 
 def joint_identifiability(
-    staged: StagedFit,
-    task: LearningTask,
-    seconds_left: Callable[[], float] = lambda: np.inf,
+    staged: StagedFit, task: LearningTask, seconds_left: Callable[[], float] = lambda: np.inf
 ) -> Identifiability:
     """State what is identified and how well, after a fit has converged."""
     fit, searched, active = staged.joint, task.searched, task.active
@@ -98,11 +96,7 @@ def joint_identifiability(
     information = np.zeros((identified.size, identified.size))
     information[np.ix_(active, active)] = widened_information(likelihood, factors, agreed) + given
     return Identifiability(
-        responsive,
-        identified,
-        np.where(identified, deviations, np.nan),
-        intervals,
-        information,
+        responsive, identified, np.where(identified, deviations, np.nan), intervals, information
     )
 
 

@@ -44,11 +44,7 @@ class JointSearch(Search):
     generator : of the random numbers of the descent of J
     """
 
-    def __init__(
-        self,
-        task: LearningTask,
-        generator: np.random.Generator,
-    ) -> None:
+    def __init__(self, task: LearningTask, generator: np.random.Generator) -> None:
         super().__init__()
         fit_task = task.fit_task
         self._cost = task.cost

@@ -187,10 +187,7 @@ class ObservationBlock:
 
 
 def observation_blocks(
-    observations: Sequence[Observation],
-    influence: NDArray[np.bool_],
-    *,
-    free_states: bool = True,
+    observations: Sequence[Observation], influence: NDArray[np.bool_], *, free_states: bool = True
 ) -> list[ObservationBlock]:
     """Put observations into blocks.
 
@@ -233,10 +230,7 @@ class _ObservedPoints:
 
     @staticmethod
     def of(
-        observation: Observation,
-        noises: Sequence[TrackNoise],
-        materials: Sequence[str],
-        free: bool,
+        observation: Observation, noises: Sequence[TrackNoise], materials: Sequence[str], free: bool
     ) -> _ObservedPoints:
         """Put together the points of all objects; `free` is whether shared errors are unknowns."""
         times = [times_after_start(observation, track) for track in observation.objects]

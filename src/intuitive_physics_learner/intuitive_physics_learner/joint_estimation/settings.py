@@ -21,11 +21,7 @@ class JointEstimationSettings:
     """
 
     largest_advance: float = number(
-        0.2,
-        0.0,
-        1e4,
-        "by which a fit horizon advances at most in one step; set by hand",
-        unit="s",
+        0.2, 0.0, 1e4, "by which a fit horizon advances at most in one step; set by hand", unit="s"
     )
     misfit_patience: int = number(
         1, 1, 1000, "steps with a misfit after which the fit horizon retreats; set by hand"

@@ -61,11 +61,7 @@ class StagedFit:
     steps : taken so far, in both stages
     """
 
-    def __init__(
-        self,
-        task: FitTask,
-        settings: JointEstimationSettings | None = None,
-    ) -> None:
+    def __init__(self, task: FitTask, settings: JointEstimationSettings | None = None) -> None:
         settings = settings or JointEstimationSettings()
         groups = separable(task.cost.observations, task.influence)
         if sum(map(len, groups)) < SMALLEST_SEPARATE_SHARE * len(task.cost.observations):

@@ -90,11 +90,7 @@ class TrajectoryModel:
     simulations : of single observations, so far
     """
 
-    def __init__(
-        self,
-        task: FitTask,
-        settings: JointEstimationSettings,
-    ) -> None:
+    def __init__(self, task: FitTask, settings: JointEstimationSettings) -> None:
         self.task = task
         self.cost = task.cost
         self.space = task.space

@@ -28,11 +28,7 @@ from rclpy.node import Node
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.observation import Observation
 from intuitive_physics.simulation.stop_flag import StopFlag
-from intuitive_physics_learner.errors import (
-    DatabaseBusyError,
-    DatabaseFullError,
-    StorageError,
-)
+from intuitive_physics_learner.errors import DatabaseBusyError, DatabaseFullError, StorageError
 from intuitive_physics_learner.nodes.learning_services import CODES
 from intuitive_physics_learner.store import ObservationEntry, ObservationStore
 from intuitive_physics_learner.store.observation_entries import EXCLUDED, UNREADABLE, USED

@@ -103,11 +103,7 @@ def node_parameters() -> tuple[Parameter, ...]:
             "cores of this machine that a requested search may use; 0: all",
             range=(0, 1024),
         ),
-        Parameter(
-            "cluster",
-            "",
-            f"where a requested search evaluates J. {WHERE_GUIDE}",
-        ),
+        Parameter("cluster", "", f"where a requested search evaluates J. {WHERE_GUIDE}"),
         Parameter("cluster_certificates", "", CERTIFICATES_GUIDE),
         Parameter(
             "suggestion_time_limit",

@@ -14,11 +14,7 @@ from rclpy.node import Node
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.simulation.stop_flag import StopFlag
-from intuitive_physics_learner.design import (
-    AboutMotion,
-    Suggestion,
-    SuggestionRequest,
-)
+from intuitive_physics_learner.design import AboutMotion, Suggestion, SuggestionRequest
 from intuitive_physics_learner.nodes.learning_services import CODES
 from intuitive_physics_ros.background import Background
 from intuitive_physics_ros.conversions import (

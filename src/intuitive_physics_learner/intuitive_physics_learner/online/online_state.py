@@ -22,11 +22,7 @@ from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence impo
 from intuitive_physics_learner.joint_estimation.joint_fit import ObservationFit
 from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
 from intuitive_physics_learner.online.change_point import ChangePoint
-from intuitive_physics_learner.online.information import (
-    Information,
-    decode_array,
-    encode_array,
-)
+from intuitive_physics_learner.online.information import Information, decode_array, encode_array
 from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.search.search_space import ActiveSpace

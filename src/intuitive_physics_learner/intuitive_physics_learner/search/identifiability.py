@@ -90,9 +90,7 @@ class Identifiability:
 
 
 def widened_information(
-    information: NDArray[np.float64],
-    factors: NDArray[np.float64],
-    least: NDArray[np.float64],
+    information: NDArray[np.float64], factors: NDArray[np.float64], least: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return information that is less certain, along the same combinations of parameters.
 
@@ -202,10 +200,7 @@ def _on_cube(
 
 
 def _one_sided_intervals(
-    axes: ParameterAxes,
-    moved: NDArray[np.float64],
-    deviations: NDArray[np.float64],
-    least: float,
+    axes: ParameterAxes, moved: NDArray[np.float64], deviations: NDArray[np.float64], least: float
 ) -> NDArray[np.float64]:
     """Intervals (|θ_s|, 2) in SI units; NaN where no move exceeds `least` standard deviations."""
     intervals = np.full((axes.size, 2), np.nan)
@@ -220,10 +215,7 @@ class _Noise:
     """The noise that the residuals at the optimum, (n_points, 3) m, imply."""
 
     def __init__(
-        self,
-        residuals: NDArray[np.float64],
-        point_trajectory: NDArray[np.int64],
-        smallest: float,
+        self, residuals: NDArray[np.float64], point_trajectory: NDArray[np.int64], smallest: float
     ) -> None:
         self._smallest = smallest
         good = np.isfinite(residuals).all(axis=1)

@@ -20,11 +20,7 @@ from pathlib import Path
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.limits import check_limit, limits
-from intuitive_physics.observation import (
-    Observation,
-    observation_materials,
-    save_observation,
-)
+from intuitive_physics.observation import Observation, observation_materials, save_observation
 from intuitive_physics_learner.errors import (
     DatabaseBusyError,
     DatabaseFullError,
@@ -230,9 +226,7 @@ class ObservationStore:
         return [observation for _, observation in parsed if isinstance(observation, Observation)]
 
     def each_observation(
-        self,
-        statuses: Sequence[str] = (USED,),
-        ids: Sequence[str] = (),
+        self, statuses: Sequence[str] = (USED,), ids: Sequence[str] = ()
     ) -> Iterator[tuple[ObservationEntry, Observation]]:
         """Read observations one after the other, with no more than a chunk of them in memory.
 

@@ -7,11 +7,7 @@ from collections.abc import Sequence
 
 from intuitive_physics.observation import Observation
 from intuitive_physics_learner.store.database import Database
-from intuitive_physics_learner.store.observation_entries import (
-    DOUBTFUL,
-    USED,
-    parsed_observation,
-)
+from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, parsed_observation
 
 
 class OnlineRecord:

@@ -33,10 +33,7 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import ObservationStore
 from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
 from intuitive_physics_learner.nodes.observation_services import ObservationQueue
-from intuitive_physics_ros.conversions import (
-    observation_to_message,
-    static_parameters_to_message,
-)
+from intuitive_physics_ros.conversions import observation_to_message, static_parameters_to_message
 from intuitive_physics_ros.qos import OBSERVATIONS
 from intuitive_physics_ros.scripting import NodeProcess, Peer
 

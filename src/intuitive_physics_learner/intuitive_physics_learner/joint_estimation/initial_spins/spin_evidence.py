@@ -100,10 +100,7 @@ class SpinLikelihood:
 
     @staticmethod
     def of(
-        spin: UnknownSpin,
-        mean: NDArray[np.float64],
-        covariance: NDArray[np.float64],
-        prior: float,
+        spin: UnknownSpin, mean: NDArray[np.float64], covariance: NDArray[np.float64], prior: float
     ) -> SpinLikelihood:
         """Take the prior out of a posterior.
 

@@ -19,10 +19,7 @@ from scipy.stats import norm, qmc
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import SMALLEST_SCAN_GAIN
-from intuitive_physics_learner.joint_estimation.fit_horizons import (
-    RETREAT,
-    TrajectoryFits,
-)
+from intuitive_physics_learner.joint_estimation.fit_horizons import RETREAT, TrajectoryFits
 from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import UnknownSpin
 from intuitive_physics_learner.joint_estimation.linearisation import residuals_at
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock

@@ -134,7 +134,7 @@ class _Follower:
                 )
             noise = self._calibration.applied_to(StateNoise())
             start = perf_counter()
-            estimates = estimate.update(
+            updates = estimate.updates(
                 self._surroundings,
                 [perceived.object],
                 [perceived.state],
@@ -142,6 +142,7 @@ class _Follower:
                 [detection],
                 noise.guess_scale,
             )
+            estimates = tuple(updates)
             self.seconds.append(perf_counter() - start)
             scene = Scene(self._world.model.environment, (perceived.object,), (perceived.state,))
             prepared = PreparedScene.of(scene, self._uncertain, noise, estimates)

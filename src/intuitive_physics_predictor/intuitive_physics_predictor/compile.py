@@ -49,8 +49,9 @@ def warm_up_estimates() -> None:
             (frame, 0.0, 0.0), linear_velocity=(1.0, 0.0, 0.0), covariance=np.eye(12)
         )
         spin = SeenSpin(np.zeros(3), np.eye(3), 0.0)
-        seen = Detections([frame], state.position[None], np.eye(3)[None], np.eye(3), spin)
-        estimate.update(surroundings, [ball], [state], float(frame), [seen])
+        detections = Detections([frame], state.position[None], np.eye(3)[None], np.eye(3), spin)
+        for _ in estimate.updates(surroundings, [ball], [state], float(frame), [detections]):
+            pass
 
 
 WARM_UPS: tuple[WarmUp, ...] = (warm_up_samples, warm_up_estimates)

@@ -326,7 +326,7 @@ def test_a_guess_is_as_wide_as_earlier_guesses_should_have_been(scale):
     around = surroundings()
     estimate = SceneEstimate(np.random.default_rng(0))
     for time, state, seen in seen_flight(around, FLYING, 6):
-        (states,) = estimate.update(around, [BALL], [state], time, [seen], scale)
+        (states,) = estimate.updates(around, [BALL], [state], time, [seen], scale)
     _, covariance = states.moments
     # 200 samples know a standard deviation to 1 / sqrt(400); here to five of these.
     spins = np.sqrt(np.diag(covariance)[6:9])
@@ -338,11 +338,10 @@ def test_perceived_spin_is_no_guess():
     around = surroundings()
     estimate = SceneEstimate(np.random.default_rng(0))
     for time, state, seen in seen_flight(around, FLYING, 6):
-        known = state.covariance.copy()
-        known[9, 9] = 1.0
-        (states,) = estimate.update(
-            around, [BALL], [state.with_covariance(known)], time, [seen], 2.0
-        )
+        covariance = state.covariance.copy()
+        covariance[9, 9] = 1.0
+        measured = state.with_covariance(covariance)
+        (states,) = estimate.updates(around, [BALL], [measured], time, [seen], 2.0)
     assert np.sqrt(states.moments[1][6, 6]) == pytest.approx(1.0, rel=0.25)
     assert not states.spin_is_guess
 
@@ -378,7 +377,7 @@ def test_other_surroundings_keep_what_is_known():
     for k, (time, state, seen) in enumerate(seen_flight(around, FLYING, 9)):
         if k == 6:
             around = surroundings(restitution=0.6)
-        (states,) = scene_estimate.update(around, [BALL], [state], time, [seen])
+        (states,) = scene_estimate.updates(around, [BALL], [state], time, [seen])
     # In free flight nothing depends on θ_s: the speed is known better than one frame says.
     assert np.sqrt(states.moments[1][3, 3]) < 0.004
 
@@ -387,8 +386,8 @@ def test_boxes_are_left_to_perception():
     box = SceneObject("box", "rubber", Box((0.1, 0.1, 0.1)))
     state = ObjectState((0, 0, 1.0), linear_velocity=(1, 0, 0))
     estimate = SceneEstimate(np.random.default_rng(0))
-    found = estimate.update(surroundings(), [box], [state], 0.0, [detection(0.0, state.position)])
-    assert found == (None,)
+    detections = [detection(0.0, state.position)]
+    assert list(estimate.updates(surroundings(), [box], [state], 0.0, detections)) == [None]
 
 
 class TwoMinima:

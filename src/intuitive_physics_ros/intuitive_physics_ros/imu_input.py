@@ -12,8 +12,8 @@ from sensor_msgs.msg import Imu
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.geometry.rotations import rotation_matrix
+from intuitive_physics.messages.geometry import xyz
 from intuitive_physics_ros.conversions import seconds_from_stamp
-from intuitive_physics_ros.conversions.primitives import xyz
 from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.qos import SENSOR_DATA, create_subscription
 from intuitive_physics_ros.silence import Silence, launch_arguments

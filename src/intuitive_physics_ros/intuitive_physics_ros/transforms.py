@@ -11,7 +11,7 @@ from rclpy.time import Time
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.frames.change_of_frame import RigidTransform
-from intuitive_physics_ros.conversions.primitives import xyz, xyzw
+from intuitive_physics.messages.geometry import xyz, xyzw
 
 POLL = 0.002
 """s between two looks whether a transform has come."""

@@ -14,8 +14,8 @@ from std_msgs.msg import Header
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.geometry.rotations import rotation_matrix
+from intuitive_physics.messages.geometry import xyz, xyzw
 from intuitive_physics.scene import Environment, Plane
-from intuitive_physics_ros.conversions.primitives import xyz, xyzw
 from intuitive_physics_ros.environment_publisher import EnvironmentPublisher, transform_from_parent
 from intuitive_physics_ros.qos import LATCHED
 

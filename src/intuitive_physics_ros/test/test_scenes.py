@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from std_msgs.msg import Header
 
+from intuitive_physics.messages.geometry import xyz
 from intuitive_physics.scene import SceneObject
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics_ros.conversions import object_state_to_message, stamp_from_seconds
-from intuitive_physics_ros.conversions.primitives import xyz
 from intuitive_physics_ros.conversions.scenes import (
     box_around,
     detections_to_message,

@@ -104,9 +104,10 @@ class SeenPart:
         estimate = SceneEstimate(rng)
         states: tuple[WeightedStates | None, ...] = ()
         for frame in self.frames:
-            states = estimate.update(
+            updates = estimate.updates(
                 surroundings, things, frame.states, frame.time, frame.detections
             )
+            states = tuple(updates)
         return states
 
 

@@ -18,6 +18,7 @@ from std_msgs.msg import Header
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.frames.change_of_frame import RigidTransform
+from intuitive_physics.messages.geometry import xyz, xyzw
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import SceneObject
 from intuitive_physics.state import ObjectState
@@ -31,7 +32,6 @@ from intuitive_physics_perception.poses.described_objects import (
 )
 from intuitive_physics_perception.poses.pose_tracker import MeasuredPose, PoseTracker
 from intuitive_physics_ros.conversions import seconds_from_stamp
-from intuitive_physics_ros.conversions.primitives import xyz, xyzw
 from intuitive_physics_ros.environment_publisher import EnvironmentPublisher
 from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
 from intuitive_physics_ros.lifecycle.run_node import farewell, run_node

@@ -8,11 +8,6 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
-
-os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
-os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import (
     Point,
@@ -25,6 +20,7 @@ from geometry_msgs.msg import (
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import ObjectStates, Observation, TrajectoryDistribution
 from rclpy.duration import Duration
+from scipy.spatial.transform import Rotation
 
 from intuitive_physics.shapes import Box
 from intuitive_physics_ros.conversions import (

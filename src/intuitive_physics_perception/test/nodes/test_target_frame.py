@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
-
-os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
-os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
@@ -21,6 +16,7 @@ from tf2_msgs.msg import TFMessage
 from vision_msgs.msg import Detection3DArray
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
+from intuitive_physics.messages.geometry import xyz, xyzw
 from intuitive_physics_ros.conversions import (
     environment_from_message,
     object_states_from_messages,
@@ -28,7 +24,6 @@ from intuitive_physics_ros.conversions import (
     seconds_from_stamp,
     stamp_from_seconds,
 )
-from intuitive_physics_ros.conversions.primitives import xyz, xyzw
 from intuitive_physics_ros.qos import LATCHED, OBSERVATIONS, SENSOR_DATA
 from intuitive_physics_ros.scripting import NodeProcess, Peer
 

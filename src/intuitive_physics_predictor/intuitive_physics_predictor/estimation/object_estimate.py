@@ -249,7 +249,7 @@ class SceneEstimate:
         self._surroundings: Surroundings | None = None
         self._followed: dict[str, ObjectEstimate] = {}
 
-    def update(
+    def updates(
         self,
         surroundings: Surroundings,
         objects: Sequence[SceneObject],
@@ -257,8 +257,11 @@ class SceneEstimate:
         time: float,
         detections: Sequence[Detections | None],
         guess_scale: float = 1.0,
-    ) -> tuple[WeightedStates | None, ...]:
-        """Take a frame, and return the states of each object at its time.
+    ) -> Iterator[WeightedStates | None]:
+        """Take a frame, and yield the states of one object after the other at its time.
+
+        None is yielded for an object whose perceived state is all there is. An object whose
+        states nobody takes is not updated.
 
         Parameters
         ----------
@@ -268,25 +271,9 @@ class SceneEstimate:
         time : s, of the states
         detections : new ones of each; None where there are none
         guess_scale : factor on the standard deviations of spins that are a guess
-
-        Returns
-        -------
-        None for an object whose perceived state is all there is
         """
-        return tuple(self.each(surroundings, objects, states, time, detections, guess_scale))
-
-    def each(
-        self,
-        surroundings: Surroundings,
-        objects: Sequence[SceneObject],
-        states: Sequence[ObjectState],
-        time: float,
-        detections: Sequence[Detections | None],
-        guess_scale: float = 1.0,
-    ) -> Iterator[WeightedStates | None]:
-        """Take a frame as `update` does, one object after the other."""
-        kept = {item.id: self._followed.get(item.id) for item in objects}
-        self._followed = {name: each for name, each in kept.items() if each is not None}
+        ids = {item.id for item in objects}
+        self._followed = {name: kept for name, kept in self._followed.items() if name in ids}
         is_new = surroundings is not self._surroundings
         self._surroundings = surroundings
         for item, state, detected in zip(objects, states, detections, strict=True):

@@ -252,7 +252,7 @@ class Predictor:
                 scene.environment, uncertain, engine, settings.options.spin_prior
             )
             self._surroundings = surroundings
-        yield from self._scene_estimate.each(
+        yield from self._scene_estimate.updates(
             surroundings,
             perceived.objects,
             perceived.states,

@@ -29,18 +29,6 @@ from numpy.typing import ArrayLike
 from std_msgs.msg import Header
 
 from intuitive_physics.messages import geometry
-from intuitive_physics.messages.geometry import xyz, xyzw
-
-__all__ = [
-    "make_message",
-    "point_to_message",
-    "pose_to_message",
-    "quaternion_to_message",
-    "stamp_from_seconds",
-    "vector_to_message",
-    "xyz",
-    "xyzw",
-]
 
 MESSAGE_CLASSES: dict[str, Any] = {
     "builtin_interfaces/msg/Time": Time,

@@ -113,10 +113,10 @@ NOTHING = Detections([-1.0], np.zeros((1, 3)), np.eye(3)[None], np.zeros((3, 3))
 def followed(around, state, duration, rng, spin=PRIOR_SPIN):
     """Follow a ball from `state` on for `duration` s; return the states at the end, and when."""
     times = STEP * np.arange(1, round(duration / STEP) + 1)
-    seen = path_of(around, state, times) + NOISE * rng.standard_normal((len(times), 3))
+    places = path_of(around, state, times) + NOISE * rng.standard_normal((len(times), 3))
     estimate = ObjectEstimate(np.random.default_rng(3))
     estimate.update(around, BALL, uncertain(state, spin, rng), 0.0, NOTHING)
-    for time, place in zip(times, seen, strict=True):
+    for time, place in zip(times, places, strict=True):
         estimate.update(around, BALL, uncertain(state, spin), time, detection(time, place))
     return estimate.states, float(times[-1])
 
@@ -206,30 +206,31 @@ def shown(around, state, duration, rng, begun=0.0):
     ----------
     begun : s since when the ball was seen before the first state
     """
-    seen = SeenSpin(state.angular_velocity + SURFACE, SURFACE**2 * np.eye(3), -begun)
+    spin = SeenSpin(state.angular_velocity + SURFACE, SURFACE**2 * np.eye(3), -begun)
     estimate = ObjectEstimate(np.random.default_rng(3))
-    known = uncertain(state, rng=rng)
+    perceived = uncertain(state, rng=rng)
     if begun > 0.0:
         # As perception publishes it: the product of the guess and of what the surface shows.
-        variances = np.diag(known.covariance).copy()
+        variances = np.diag(perceived.covariance).copy()
         variances[ANGULAR_VELOCITY] = 1.0 / (PRIOR_SPIN**-2 + SURFACE**-2)
-        mean = seen.mean * variances[ANGULAR_VELOCITY] / SURFACE**2
-        known = ObjectState(
-            known.position,
-            linear_velocity=known.linear_velocity,
+        mean = spin.mean * variances[ANGULAR_VELOCITY] / SURFACE**2
+        perceived = ObjectState(
+            perceived.position,
+            linear_velocity=perceived.linear_velocity,
             angular_velocity=mean,
             covariance=np.diag(variances),
         )
-    first = replace_spin(NOTHING, seen if begun > 0.0 else None)
-    estimate.update(around, BALL, known, 0.0, first)
+    first = replace_spin(NOTHING, spin if begun > 0.0 else None)
+    estimate.update(around, BALL, perceived, 0.0, first)
     times = STEP * np.arange(1, round(duration / STEP) + 1)
     for time, place in zip(times, path_of(around, state, times), strict=True):
-        estimate.update(around, BALL, known, time, replace_spin(detection(time, place), seen))
+        detected = replace_spin(detection(time, place), spin)
+        estimate.update(around, BALL, perceived, time, detected)
     return estimate.states
 
 
-def replace_spin(seen, spin):
-    return Detections(seen.times, seen.positions, seen.covariances, seen.bias, spin)
+def replace_spin(detected, spin):
+    return replace(detected, spin=spin)
 
 
 @pytest.mark.parametrize("begun", [0.0, 0.1])
@@ -266,10 +267,10 @@ def test_the_spin_that_a_surface_showed_is_known_after_the_bounce():
     estimate.update(around, BALL, uncertain(start), 0.0, NOTHING)
     for time, place in zip(times, path, strict=True):
         spin = SeenSpin(start.angular_velocity, SURFACE**2 * np.eye(3), STEP)
-        seen = detection(time, place)
+        detected = detection(time, place)
         if time < 0.28:
-            seen = replace_spin(seen, spin)
-        estimate.update(around, BALL, uncertain(start), time, seen)
+            detected = replace_spin(detected, spin)
+        estimate.update(around, BALL, uncertain(start), time, detected)
     mean, covariance = estimate.states.moments
     after = spin_at(around, start, float(times[-1]))
     assert np.linalg.norm(after - start.angular_velocity) > 1.0
@@ -317,16 +318,16 @@ def test_spin_is_a_guess_until_a_bounce_shows_it():
     # The bounce is after 0.17 s.
     guess, _ = followed(around, start, 0.1, np.random.default_rng(1))
     assert guess.spin_is_guess
-    told, _ = followed(around, start, 0.4, np.random.default_rng(1))
-    assert not told.spin_is_guess
+    measured, _ = followed(around, start, 0.4, np.random.default_rng(1))
+    assert not measured.spin_is_guess
 
 
 @pytest.mark.parametrize("scale", [0.5, 1.0, 2.0])
 def test_a_guess_is_as_wide_as_earlier_guesses_should_have_been(scale):
     around = surroundings()
     estimate = SceneEstimate(np.random.default_rng(0))
-    for time, state, seen in seen_flight(around, FLYING, 6):
-        (states,) = estimate.updates(around, [BALL], [state], time, [seen], scale)
+    for time, state, detected in seen_flight(around, FLYING, 6):
+        (states,) = estimate.updates(around, [BALL], [state], time, [detected], scale)
     _, covariance = states.moments
     # 200 samples know a standard deviation to 1 / sqrt(400); here to five of these.
     spins = np.sqrt(np.diag(covariance)[6:9])
@@ -337,11 +338,11 @@ def test_a_guess_is_as_wide_as_earlier_guesses_should_have_been(scale):
 def test_perceived_spin_is_no_guess():
     around = surroundings()
     estimate = SceneEstimate(np.random.default_rng(0))
-    for time, state, seen in seen_flight(around, FLYING, 6):
+    for time, state, detected in seen_flight(around, FLYING, 6):
         covariance = state.covariance.copy()
         covariance[9, 9] = 1.0
         measured = state.with_covariance(covariance)
-        (states,) = estimate.updates(around, [BALL], [measured], time, [seen], 2.0)
+        (states,) = estimate.updates(around, [BALL], [measured], time, [detected], 2.0)
     assert np.sqrt(states.moments[1][6, 6]) == pytest.approx(1.0, rel=0.25)
     assert not states.spin_is_guess
 
@@ -349,8 +350,8 @@ def test_perceived_spin_is_no_guess():
 def test_resting_or_undetected_object_has_no_estimate():
     around = surroundings()
     estimate = ObjectEstimate(np.random.default_rng(0))
-    for time, state, seen in seen_flight(around, FLYING, 6):
-        estimate.update(around, BALL, state, time, seen)
+    for time, state, detected in seen_flight(around, FLYING, 6):
+        estimate.update(around, BALL, state, time, detected)
     assert estimate.states is not None
     estimate.update(around, BALL, state, 7 * STEP, None)
     assert estimate.states is None
@@ -363,21 +364,21 @@ def test_time_that_goes_back_forgets():
     around = surroundings()
     estimate = ObjectEstimate(np.random.default_rng(0))
     frames = list(seen_flight(around, FLYING, 6))
-    for time, state, seen in frames:
-        estimate.update(around, BALL, state, time, seen)
+    for time, state, detected in frames:
+        estimate.update(around, BALL, state, time, detected)
     assert estimate.states is not None
-    time, state, seen = frames[1]
-    estimate.update(around, BALL, state, time, seen)
+    time, state, detected = frames[1]
+    estimate.update(around, BALL, state, time, detected)
     assert estimate.states is None
 
 
 def test_other_surroundings_keep_what_is_known():
     around = surroundings()
     scene_estimate = SceneEstimate(np.random.default_rng(0))
-    for k, (time, state, seen) in enumerate(seen_flight(around, FLYING, 9)):
+    for k, (time, state, detected) in enumerate(seen_flight(around, FLYING, 9)):
         if k == 6:
             around = surroundings(restitution=0.6)
-        (states,) = scene_estimate.updates(around, [BALL], [state], time, [seen])
+        (states,) = scene_estimate.updates(around, [BALL], [state], time, [detected])
     # In free flight nothing depends on θ_s: the speed is known better than one frame says.
     assert np.sqrt(states.moments[1][3, 3]) < 0.004
 
@@ -439,9 +440,9 @@ def test_a_spin_is_read_from_two_orientations(spin):
     angles = 0.5 * rate * trajectory_fit.INSTANT * np.arange(2.0)
     axis = spin / rate if rate > 0.0 else np.zeros(3)
     turns = np.column_stack([np.sin(angles)[:, None] * axis, np.cos(angles)])
-    found = trajectory_fit._turn(turns[None, 0], turns[None, 1])[0] / trajectory_fit.INSTANT
+    rate_of_turn = trajectory_fit._turn(turns[None, 0], turns[None, 1])[0] / trajectory_fit.INSTANT
     # Rounding of a quaternion, over an instant.
-    np.testing.assert_allclose(found, spin, atol=1e-15 / trajectory_fit.INSTANT * 20.0)
+    np.testing.assert_allclose(rate_of_turn, spin, atol=1e-15 / trajectory_fit.INSTANT * 20.0)
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4))
@@ -456,9 +457,9 @@ def test_pairs_are_written_as_the_space_has_them(units):
     pair = [k for k, name in enumerate(names) if "rubber" in name and "room" in name]
     unit[pair] = units
     expected = posterior.space.to_parameters(unit).pair("rubber", "room")
-    found = tables["coefficients"][0, :, 0, 1]
-    assert found.tolist() == pytest.approx(list(expected.values()), rel=1e-12, abs=1e-12)
-    np.testing.assert_array_equal(tables["coefficients"][0, :, 1, 0], found)
+    pair_values = tables["coefficients"][0, :, 0, 1]
+    assert pair_values.tolist() == pytest.approx(list(expected.values()), rel=1e-12, abs=1e-12)
+    np.testing.assert_array_equal(tables["coefficients"][0, :, 1, 0], pair_values)
 
 
 def weighted(motion, spread=0.0, count=50):
@@ -481,10 +482,10 @@ def test_samples_begin_at_the_estimate_with_its_parameters():
         scene, UncertainParameters(learned(restitution=0.2)), StateNoise(), (estimate,)
     )
     worlds = prepared.sampled(50, np.random.default_rng(1))
-    found = worlds.states[:, 0][:, [0, 1, 2, 7, 8, 9, 10, 11, 12]]
+    motions = worlds.states[:, 0][:, [0, 1, 2, 7, 8, 9, 10, 11, 12]]
     # Every sample of equal weight once.
-    order, own = (rows[np.argsort(rows[:, 0])] for rows in (found, estimate.values[:, :9]))
-    np.testing.assert_allclose(order, own, atol=1e-12)
+    drawn, expected = (rows[np.argsort(rows[:, 0])] for rows in (motions, estimate.values[:, :9]))
+    np.testing.assert_allclose(drawn, expected, atol=1e-12)
     # Restitution is what the estimate goes with, not what others were drawn with.
     np.testing.assert_allclose(worlds.coefficients[:, 3, 0, 1], 0.7, atol=1e-3)
 
@@ -494,8 +495,8 @@ def test_noise_scales_stretch_the_estimate_and_fixed_noise_alone_leaves_it_out()
     estimate = weighted(motion, spread=0.1)
     mean = estimate.moments[0][:9]
     scene = Scene(ROOM, (BALL,), (ObjectState((9, 9, 9)),))
-    known = StateNoise(scale=0.0, spin_scale=0.0)
-    prepared = PreparedScene.of(scene, learned().parameters, known, (estimate,))
+    no_noise = StateNoise(scale=0.0, spin_scale=0.0)
+    prepared = PreparedScene.of(scene, learned().parameters, no_noise, (estimate,))
     states = prepared.sampled(5, np.random.default_rng(1)).states[:, 0]
     np.testing.assert_allclose(states[:, :3], np.tile(mean[:3], (5, 1)), atol=1e-12)
     np.testing.assert_allclose(states[:, 10:], np.tile(mean[6:], (5, 1)), atol=1e-12)
@@ -533,8 +534,8 @@ def test_a_predictor_begins_where_the_estimate_is():
             PredictionSettings(replace(options, estimate_states=estimate_states)), 0, inputs
         )
         for time, state, detected in frames:
-            seen = PerceivedStates((BALL,), (state,), time, 50.0 + time, 0.0, "room", (detected,))
-            predictor.take(states=seen)
+            frame = PerceivedStates((BALL,), (state,), time, 50.0 + time, 0.0, "room", (detected,))
+            predictor.take(states=frame)
         return predictor
 
     predictor = fed(True)
@@ -555,12 +556,10 @@ def test_states_are_taken_over_object_by_object_and_predicted_from_when_all_are_
     frames = []
     for time, state, detected in seen_flight(surroundings(), FLYING, 3):
         apart = [replace_place(state, k) for k in range(3)]
-        seen = [
-            Detections([time], [one.position], detected.covariances, detected.bias) for one in apart
-        ]
+        detections = [replace(detected, positions=[state.position]) for state in apart]
         frames.append(
             PerceivedStates(
-                tuple(others), tuple(apart), time, 50.0 + time, 0.0, "room", tuple(seen)
+                tuple(others), tuple(apart), time, 50.0 + time, 0.0, "room", tuple(detections)
             )
         )
     first, second, third = frames
@@ -593,9 +592,9 @@ def replace_place(state, number):
 def test_an_estimate_depends_on_the_seed_alone():
     around = surroundings()
     start = ObjectState((0, 0, 0.4), linear_velocity=(0.5, 0, -1), angular_velocity=(0, -8, 0))
-    one, two = (followed(around, start, 0.4, np.random.default_rng(7))[0] for _ in range(2))
-    np.testing.assert_array_equal(one.values, two.values)
-    np.testing.assert_array_equal(one.weights, two.weights)
+    first, second = (followed(around, start, 0.4, np.random.default_rng(7))[0] for _ in range(2))
+    np.testing.assert_array_equal(first.values, second.values)
+    np.testing.assert_array_equal(first.weights, second.weights)
 
 
 def touching(spread=1e-3, count=200, depth=0.0):

@@ -34,35 +34,37 @@ def test_where_paths_cross_is_best():
     # Three balls from different sides that are all at (1, 0, 0) after 0.6 s.
     velocities = np.array([[2.0, 0, 0], [0, 1.5, 0], [1.0, 1.0, 1.0]])
     starts = np.array([1.0, 0, 0]) - 0.6 * velocities
-    found = best_interception(
+    interception = best_interception(
         distribution(lines(starts, velocities)), "ball", box((1, 0, 0), 1), 0.05
     )
-    assert found.probability == pytest.approx(1.0)
-    assert found.time == pytest.approx(0.6, abs=0.011)
-    np.testing.assert_allclose(found.position, [1, 0, 0], atol=0.05)
+    assert interception.probability == pytest.approx(1.0)
+    assert interception.time == pytest.approx(0.6, abs=0.011)
+    np.testing.assert_allclose(interception.position, [1, 0, 0], atol=0.05)
 
 
 def test_the_likelier_of_two_futures_and_never_the_middle():
     # Left with 0.3, right with 0.7: the mean, straight on, is where it never is.
     paths = lines(np.zeros((10, 3)), [[1, -1, 0]] * 3 + [[1, 1, 0]] * 7)
-    found = best_interception(distribution(paths), "ball", box((0.8, 0, 0), 2.0), 0.1, earliest=0.5)
-    assert found.probability == pytest.approx(0.7)
-    assert found.position[1] > 0.4
+    interception = best_interception(
+        distribution(paths), "ball", box((0.8, 0, 0), 2.0), 0.1, earliest=0.5
+    )
+    assert interception.probability == pytest.approx(0.7)
+    assert interception.position[1] > 0.4
 
 
 def test_interception_is_of_the_heaviest_samples():
     paths = lines(np.zeros((2, 3)), [[1, -1, 0], [1, 1, 0]])
     heavy = distribution(paths, [0.9, 0.1])
-    found = best_interception(heavy, "ball", box((0.8, 0, 0), 2.0), 0.1, earliest=0.5)
-    assert found.probability == pytest.approx(0.9)
-    assert found.position[1] < -0.4
+    interception = best_interception(heavy, "ball", box((0.8, 0, 0), 2.0), 0.1, earliest=0.5)
+    assert interception.probability == pytest.approx(0.9)
+    assert interception.position[1] < -0.4
 
 
 def test_unreachable_object_has_probability_zero():
-    found = best_interception(
+    interception = best_interception(
         distribution(lines(np.zeros((3, 3)), np.ones((3, 3)))), "ball", box((-5, 0, 0), 1.0), 0.1
     )
-    assert found.probability == 0.0
+    assert interception.probability == 0.0
 
 
 @given(st.integers(0, 2**31), st.floats(0.02, 0.3), st.floats(0.0, 0.9))
@@ -73,22 +75,24 @@ def test_interception_has_the_stated_probability(seed, reach, earliest):
     rng = np.random.default_rng(seed)
     paths = lines(rng.normal(size=(30, 3)) * 0.2, rng.normal(size=(30, 3)))
     reachable = box((0.3, 0, 0), 0.8)
-    found = best_interception(distribution(paths), "ball", reachable, reach, earliest=earliest)
-    if found.probability == 0.0:
+    interception = best_interception(
+        distribution(paths), "ball", reachable, reach, earliest=earliest
+    )
+    if interception.probability == 0.0:
         return
-    assert reachable.contains(found.position[None])[0]
-    assert found.time >= earliest
+    assert reachable.contains(interception.position[None])[0]
+    assert interception.time >= earliest
 
     def chance(place, k):
         return (np.linalg.norm(paths[:, k] - place, axis=-1) <= reach).mean()
 
-    k = int(np.searchsorted(TIMES, found.time - 1e-9))
-    assert chance(found.position, k) == pytest.approx(found.probability, abs=0.034)
+    k = int(np.searchsorted(TIMES, interception.time - 1e-9))
+    assert chance(interception.position, k) == pytest.approx(interception.probability, abs=0.034)
     for _ in range(20):
         sample, other = rng.integers(30), rng.integers(TIMES.size)
         place = paths[sample, other]
         if TIMES[other] >= earliest and reachable.contains(place[None])[0]:
-            assert chance(place, other) <= found.probability + 1e-9
+            assert chance(place, other) <= interception.probability + 1e-9
 
 
 @pytest.mark.parametrize(

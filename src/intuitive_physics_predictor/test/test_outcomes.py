@@ -25,7 +25,7 @@ def beginning(generator):
 @given(seed=SEEDS, number=NUMBERS)
 @settings(max_examples=50)
 def test_no_stream_is_that_of_a_seed_alone_or_of_a_list_of_numbers(seed, number):
-    streams = {beginning(one) for one in outcome_generators(seed, number)}
+    streams = {beginning(stream) for stream in outcome_generators(seed, number)}
     others = [seed, number, [seed, number], [seed, number, 0], [seed, number, 1], [number, seed]]
     assert len(streams) == 2
     assert not streams & {beginning(np.random.default_rng(other)) for other in others}
@@ -34,11 +34,11 @@ def test_no_stream_is_that_of_a_seed_alone_or_of_a_list_of_numbers(seed, number)
 @given(seed=SEEDS, number=NUMBERS, other_seed=SEEDS, other_number=NUMBERS)
 @settings(max_examples=50)
 def test_streams_of_two_outcomes_differ(seed, number, other_seed, other_number):
-    one = [beginning(stream) for stream in outcome_generators(seed, number)]
+    first = [beginning(stream) for stream in outcome_generators(seed, number)]
     other = [beginning(stream) for stream in outcome_generators(other_seed, other_number)]
     same = (seed, number) == (other_seed, other_number)
-    assert (one == other) == same
-    assert same or not set(one) & set(other)
+    assert (first == other) == same
+    assert same or not set(first) & set(other)
 
 
 def test_outcomes_of_the_first_seeds_share_no_stream():
@@ -66,10 +66,10 @@ def test_errors_of_detections_have_the_covariance_of_their_point():
     outcome = Outcome(SCENE, np.array([0.1, 0.2]), np.zeros((1, 2, 3)), covariances)
     seen = outcome.seen(np.ones((20_000, 1, 2, 3)), rng)
     for time in range(2):
-        found = np.cov(seen[:, 0, time], rowvar=False)
+        sample_covariance = np.cov(seen[:, 0, time], rowvar=False)
         # An element is off by √((σ_ii σ_jj + σ_ij²) / n), 1 % of the largest variance.
         largest = np.diag(covariances[0, time]).max()
-        np.testing.assert_allclose(found, covariances[0, time], atol=0.05 * largest)
+        np.testing.assert_allclose(sample_covariance, covariances[0, time], atol=0.05 * largest)
     np.testing.assert_allclose(np.mean(seen, axis=0), 1.0, atol=0.1)
 
 

@@ -45,7 +45,7 @@ def correlated_covariance(seed=0):
     return covariance * scale**2
 
 
-def scene(environment, *objects, covariance=None):
+def make_scene(environment, *objects, covariance=None):
     """A scene of (shape, position) with the same covariance each."""
     covariance = SIGMA**2 * np.eye(12) if covariance is None else covariance
     return Scene(
@@ -55,40 +55,41 @@ def scene(environment, *objects, covariance=None):
     )
 
 
-def drawn(one, count=4000, seed=0, size_noise=0.0):
-    prepared = PreparedScene.of(one, THETA, StateNoise())
+def draw(scene, count=4000, seed=0, size_noise=0.0):
+    prepared = PreparedScene.of(scene, THETA, StateNoise())
     return prepared.sampled(count, np.random.default_rng(seed), size_noise)
 
 
-def unconditioned(one, count, seed):
-    return StateSpread.of(one.states, StateNoise()).draw(count, np.random.default_rng(seed))
+def unconditioned(scene, count, seed):
+    return StateSpread.of(scene.states, StateNoise()).draw(count, np.random.default_rng(seed))
 
 
-def bodies(one, states):
+def bodies(scene, states):
     return [
-        Body(item.shape, states[:, k, 0:3], states[:, k, 3:7]) for k, item in enumerate(one.objects)
+        Body(item.shape, states[:, k, 0:3], states[:, k, 3:7])
+        for k, item in enumerate(scene.objects)
     ]
 
 
-def smallest_gaps(one, states):
+def smallest_gaps(scene, states):
     """Smallest gap (n_samples,) of any object to any surface, m."""
     boxes = [
-        Body(Box(box.edge_lengths), box.center, box.orientation) for box in one.environment.boxes
+        Body(Box(box.edge_lengths), box.center, box.orientation) for box in scene.environment.boxes
     ]
     gaps = [
-        [gap_to_plane(body, plane) for plane in one.environment.planes]
+        [gap_to_plane(body, plane) for plane in scene.environment.planes]
         + [gap_between(body, box) for box in boxes]
-        for body in bodies(one, states)
+        for body in bodies(scene, states)
     ]
-    return np.min([gap for own in gaps for gap in own], axis=0)
+    return np.min(np.concatenate(gaps), axis=0)
 
 
-def is_possible(one, states):
+def is_possible(scene, states):
     """Which samples (n_samples,) of balls over planes have none of them below or in another."""
     possible = np.ones(len(states), bool)
-    parts = bodies(one, states)
+    parts = bodies(scene, states)
     for k, body in enumerate(parts):
-        for plane in one.environment.planes:
+        for plane in scene.environment.planes:
             behind = plane.signed_distances(body.positions) < 0.0
             possible &= ~(behind & plane.covers(body.positions)) & (gap_to_plane(body, plane) >= 0)
         for other in parts[:k]:
@@ -100,15 +101,15 @@ def assert_alike(ours, truth):
     """Check each number of the states, but for the quaternion, which balls do not need."""
     for k in range(ours.shape[1]):
         for part in (0, 1, 2, 7, 8, 9, 10, 11, 12):
-            found = ks_2samp(ours[:, k, part], truth[:, k, part])
-            assert found.pvalue > ALIKE, (k, part, found)
+            comparison = ks_2samp(ours[:, k, part], truth[:, k, part])
+            assert comparison.pvalue > ALIKE, (k, part, comparison)
 
 
 @pytest.mark.parametrize("plane", [FLOOR, TABLE], ids=["without edges", "bounded"])
 @pytest.mark.parametrize("deviations", [-3.5, -1.0, 0.0, 1.0, 2.5])
 def test_gap_has_the_truncated_normal_distribution(plane, deviations):
-    one = scene(Environment([plane]), (BALL, (0, 0, RADIUS + deviations * SIGMA)))
-    states = drawn(one).states[:, 0]
+    scene = make_scene(Environment([plane]), (BALL, (0, 0, RADIUS + deviations * SIGMA)))
+    states = draw(scene).states[:, 0]
     gaps = (states[:, 2] - RADIUS) / SIGMA
     assert gaps.min() >= 0.0
     assert kstest(gaps, truncnorm(-deviations, np.inf, loc=deviations).cdf).pvalue > ALIKE
@@ -118,13 +119,13 @@ def test_gap_has_the_truncated_normal_distribution(plane, deviations):
 
 
 def test_velocity_correlated_with_the_gap_follows_it():
-    one = scene(
+    scene = make_scene(
         Environment([FLOOR]),
         (BALL, (0, 0, RADIUS - 0.5 * SIGMA)),
         covariance=correlated_covariance(),
     )
-    free = unconditioned(one, 20_000, 1)
-    assert_alike(drawn(one).states, free[is_possible(one, free)])
+    free = unconditioned(scene, 20_000, 1)
+    assert_alike(draw(scene).states, free[is_possible(scene, free)])
 
 
 @pytest.mark.parametrize(
@@ -138,19 +139,19 @@ def test_velocity_correlated_with_the_gap_follows_it():
 )
 def test_corners_and_edges_cut_the_distribution_off(place):
     small = Sphere(0.1 * SIGMA) if place[2] < RADIUS - SIGMA else BALL
-    one = scene(CORNER, (small, place), covariance=correlated_covariance(2))
-    free = unconditioned(one, 60_000, 1)
-    assert_alike(drawn(one).states, free[is_possible(one, free)])
+    scene = make_scene(CORNER, (small, place), covariance=correlated_covariance(2))
+    free = unconditioned(scene, 60_000, 1)
+    assert_alike(draw(scene).states, free[is_possible(scene, free)])
 
 
 def test_balls_that_touch_are_drawn_apart():
-    one = scene(
+    scene = make_scene(
         Environment([TABLE]), (BALL, (0, 0, RADIUS)), (BALL, (2 * RADIUS, 0, RADIUS + SIGMA))
     )
-    states = drawn(one).states
-    free = unconditioned(one, 30_000, 1)
-    assert is_possible(one, states).all()
-    assert_alike(states, free[is_possible(one, free)])
+    states = draw(scene).states
+    free = unconditioned(scene, 30_000, 1)
+    assert is_possible(scene, states).all()
+    assert_alike(states, free[is_possible(scene, free)])
 
 
 @pytest.mark.parametrize(
@@ -165,17 +166,19 @@ def test_no_sample_is_inside(shape, height, below):
     )
     for place in ((0, 0, height), (0, 0.2, 0.2 + height), (-HALF + 0.05, -0.2, height)):
         lower = np.array(place) - (0, 0, below * SIGMA)
-        one = scene(environment, (shape, lower))
-        worlds = drawn(one, 500)
-        assert smallest_gaps(one, worlds.states).min() > -2e-9
+        scene = make_scene(environment, (shape, lower))
+        worlds = draw(scene, 500)
+        assert smallest_gaps(scene, worlds.states).min() > -2e-9
         assert (worlds.states[:, 0, 2] > 0).all()
         assert not objects_inside(worlds, worlds.states[0]).any()
 
 
 def test_mean_far_inside_begins_at_the_surface():
     for deviation in (SIGMA, 1e-7, 0.0):
-        one = scene(CORNER, (BALL, (-HALF, 0, 0.3 * RADIUS)), covariance=deviation**2 * np.eye(12))
-        states = drawn(one, 200).states[:, 0]
+        scene = make_scene(
+            CORNER, (BALL, (-HALF, 0, 0.3 * RADIUS)), covariance=deviation**2 * np.eye(12)
+        )
+        states = draw(scene, 200).states[:, 0]
         for gaps in (states[:, 2] - RADIUS, states[:, 0] + HALF - RADIUS):
             assert (gaps >= -1e-9).all()
             assert np.mean(gaps) <= deviation + 1e-9
@@ -184,28 +187,29 @@ def test_mean_far_inside_begins_at_the_surface():
 def test_no_room_ends_too():
     # Two walls nearer to each other than the ball is thick, on a table: nothing fits.
     facing = sheet("facing wall", (-HALF + RADIUS, 0, HALF), (0, 0, HALF), (0, HALF, 0))
-    one = scene(
+    scene = make_scene(
         Environment([TABLE, WALL, facing]),
         (BALL, (-HALF + 0.5 * RADIUS, 0, RADIUS)),
         (BALL, (-HALF + 0.5 * RADIUS, 0, RADIUS)),
     )
-    states = drawn(one, 50).states
+    states = draw(scene, 50).states
     assert np.isfinite(states).all()
     assert np.abs(states[..., 0:3]).max() < 2 * HALF
 
 
 @pytest.mark.parametrize("height", [0.2, -0.2], ids=["over the table", "under the table"])
 def test_far_from_surfaces_draws_are_those_without_any(height):
-    one = scene(CORNER, (BALL, (0, 0, height)), (Capsule(0.02, 0.1), (0.2, 0, height)))
-    np.testing.assert_array_equal(drawn(one, 500).states, unconditioned(one, 500, 0))
+    scene = make_scene(CORNER, (BALL, (0, 0, height)), (Capsule(0.02, 0.1), (0.2, 0, height)))
+    np.testing.assert_array_equal(draw(scene, 500).states, unconditioned(scene, 500, 0))
 
 
 def test_surfaces_change_nothing_else_that_is_drawn():
     # Draws that are outside at once stay, and the generator goes on as without surfaces.
     near, far = (
-        scene(CORNER, (BALL, (0, 0, height)), (BALL, (0.2, 0, height))) for height in (RADIUS, 0.2)
+        make_scene(CORNER, (BALL, (0, 0, height)), (BALL, (0.2, 0, height)))
+        for height in (RADIUS, 0.2)
     )
-    worlds, free = (drawn(one, 200, size_noise=0.01) for one in (near, far))
+    worlds, free = (draw(scene, 200, size_noise=0.01) for scene in (near, far))
     np.testing.assert_array_equal(worlds.dimensions, free.dimensions)
     shifted = free.states - (0, 0, 0.2 - RADIUS, *[0] * 10)
     kept = shifted[..., 2] >= free.dimensions[..., 0] + 1e-9
@@ -215,25 +219,25 @@ def test_surfaces_change_nothing_else_that_is_drawn():
 
 
 def test_same_seed_same_samples_one_by_one():
-    one = scene(CORNER, (BALL, (-HALF + RADIUS, 0, RADIUS)), (BALL, (0.2, 0, RADIUS)))
-    first = drawn(one, 50, seed=3).states
-    np.testing.assert_array_equal(first, drawn(one, 50, seed=3).states)
-    assert (first != drawn(one, 50, seed=4).states).any()
+    scene = make_scene(CORNER, (BALL, (-HALF + RADIUS, 0, RADIUS)), (BALL, (0.2, 0, RADIUS)))
+    first = draw(scene, 50, seed=3).states
+    np.testing.assert_array_equal(first, draw(scene, 50, seed=3).states)
+    assert (first != draw(scene, 50, seed=4).states).any()
     assert len(np.unique(first[:, 0, 2])) == 50
 
 
 def test_a_resting_ball_stays_on_the_table():
-    one = scene(CORNER, (BALL, (-HALF + RADIUS, 0.1, RADIUS)), (BALL, (0.2, 0, RADIUS)))
+    scene = make_scene(CORNER, (BALL, (-HALF + RADIUS, 0.1, RADIUS)), (BALL, (0.2, 0, RADIUS)))
     positions = predict(
-        one, THETA, np.linspace(0, 2, 21), rng=np.random.default_rng(0), sample_count=500
+        scene, THETA, np.linspace(0, 2, 21), rng=np.random.default_rng(0), sample_count=500
     ).positions
     assert positions[..., 2].min() > 0.98 * RADIUS
 
 
 def test_objects_inside_are_found():
-    one = scene(CORNER, (BALL, (0, 0, RADIUS)), (BALL, (0.2, 0, RADIUS)))
-    prepared = PreparedScene.of(one, THETA, StateNoise())
-    states = unconditioned(one, 400, 0)
+    scene = make_scene(CORNER, (BALL, (0, 0, RADIUS)), (BALL, (0.2, 0, RADIUS)))
+    prepared = PreparedScene.of(scene, THETA, StateNoise())
+    states = unconditioned(scene, 400, 0)
     states[0, 1, 2] = -0.01
     worlds = prepared.world.taken(np.zeros(400, np.int64), states=states)
     below = states[..., 2] < RADIUS - 1e-9

@@ -24,16 +24,16 @@ STATIC, DYNAMIC, ROLLING, RESTITUTION = range(4)
 
 def learned(deviations=np.nan, identified=False, ends=None, **values) -> LearnedParameters:
     theta = StaticParameters.uniform(MATERIALS, **values)
-    told = np.broadcast_to(identified, SIZE)
+    is_identified = np.broadcast_to(identified, SIZE)
     deviations = np.broadcast_to(deviations, SIZE)
-    return LearnedParameters(theta, deviations, told, 1, 0.1, 5, "cma_es", ends)
+    return LearnedParameters(theta, deviations, is_identified, 1, 0.1, 5, "cma_es", ends)
 
 
 def with_deviation(sigma: float, *names: str, ends=(np.nan, np.nan), **values) -> LearnedParameters:
     """Only these parameters are identified, with this standard deviation or between these ends."""
-    told = np.array([name in names for name in NAMES])
-    between = np.where(told[:, None], ends, np.nan)
-    return learned(np.where(told, sigma, np.nan), told, between, **values)
+    is_identified = np.array([name in names for name in NAMES])
+    between = np.where(is_identified[:, None], ends, np.nan)
+    return learned(np.where(is_identified, sigma, np.nan), is_identified, between, **values)
 
 
 def draw(parameters, count=4000, seed=0, **options):
@@ -93,10 +93,12 @@ def test_a_known_friction_keeps_its_distribution_beside_an_unknown_one():
 
 def test_a_friction_that_only_has_to_be_large_enough_is_anywhere_above():
     name = "dynamic_friction[ball, floor]"
-    given = with_deviation(0.01, name, ends=(0.35, 1.0), static_friction=0.4, dynamic_friction=0.37)
-    _, values = draw(given)
+    source = with_deviation(
+        0.01, name, ends=(0.35, 1.0), static_friction=0.4, dynamic_friction=0.37
+    )
+    _, values = draw(source)
     check_flat_between(values[:, DYNAMIC], 0.35, 1.0, below=0.01, above=None)
-    _, exact = draw(given, scale=0.0)
+    _, exact = draw(source, scale=0.0)
     np.testing.assert_allclose(exact[:, DYNAMIC], 0.37)
     density = with_deviation(50.0, "density[ball]", ends=(500.0, 2000.0), density=1000.0)
     logarithms = np.log(draw(density)[0][:, 0])
@@ -109,9 +111,9 @@ def check_flat_between(drawn, low, high, *, below, above):
     assert kstest((inside - low) / (high - low), "uniform").pvalue > 1e-3
     outside = np.sqrt(np.pi / 2.0) * np.array([deviation or 0.0 for deviation in (below, above)])
     expected = outside / (high - low + outside.sum())
-    found = [(drawn < low).mean(), (drawn > high).mean()]
+    shares = [(drawn < low).mean(), (drawn > high).mean()]
     # Four standard errors of a share.
-    np.testing.assert_allclose(found, expected, atol=4.0 * np.sqrt(0.1 / drawn.size))
+    np.testing.assert_allclose(shares, expected, atol=4.0 * np.sqrt(0.1 / drawn.size))
     assert kstest((low - drawn[drawn < low]) / below, "halfnorm").pvalue > 1e-3
 
 
@@ -122,9 +124,9 @@ def test_a_ratio_that_is_known_is_drawn_where_each_part_is_not():
     row[0, :2] = np.array([1.0, -1.0]) * np.log(160.0) / 0.02
     posterior = ParameterPosterior(MATERIALS, space.to_unit(theta), row)
     unknown = np.full(SIZE, np.nan), np.zeros(SIZE, bool)
-    given = LearnedParameters(theta, *unknown, 1, 0.1, 5, "joint", posterior=posterior)
+    source = LearnedParameters(theta, *unknown, 1, 0.1, 5, "joint", posterior=posterior)
     for scale in (1.0, 3.0):
-        density, _ = draw(given, scale=scale)
+        density, _ = draw(source, scale=scale)
         ratios = np.log(density[:, 0] / density[:, 1])
         np.testing.assert_allclose(
             [ratios.mean(), ratios.std()], [np.log(4.0), 0.02 * scale], rtol=0.06
@@ -133,9 +135,9 @@ def test_a_ratio_that_is_known_is_drawn_where_each_part_is_not():
 
 
 def test_unidentified_parameters_keep_the_given_share_of_their_bounds():
-    given = with_deviation(0.2, "restitution[ball, floor]", restitution=0.5)
+    source = with_deviation(0.2, "restitution[ball, floor]", restitution=0.5)
     for share in (0.0, 0.2):
-        density, values = draw(given, unidentified=share)
+        density, values = draw(source, unidentified=share)
         way = np.log(density[:, 0] / 500.0)
         bounds = DEFAULT_BOUNDS["density"]
         np.testing.assert_allclose(way.min(), share * np.log(bounds.lower / 500.0), atol=0.02)
@@ -168,11 +170,11 @@ def test_many_draws_take_each_of_the_pool_as_often_as_any_other():
 def test_every_draw_is_a_valid_theta_within_bounds(unit, deviations, scale, contact, between, seed):
     space = ParameterSpace(MATERIALS)
     theta = space.to_parameters(unit)
-    told = ~np.isnan(deviations)
+    is_identified = ~np.isnan(deviations)
     # Ends from a tenth to ten times the value, be that within the bounds or not.
     ends = np.outer(parameter_vector(theta), [0.1, 10.0])
     ends[~np.array(between)] = np.nan
-    source = LearnedParameters(theta, deviations, told, 1, 0.1, 1, "cma_es", ends)
+    source = LearnedParameters(theta, deviations, is_identified, 1, 0.1, 1, "cma_es", ends)
     density, coefficients = UncertainParameters(source, scale=scale, contact=contact).draw(
         7, np.random.default_rng(seed)
     )
@@ -211,10 +213,10 @@ def test_scales_that_are_no_scales_are_refused(options):
 
 
 def test_pool_is_kept_for_the_same_parameters():
-    given = with_deviation(0.1, "restitution[ball, floor]")
-    first = NoiseScales().parameters(given)
-    assert NoiseScales().parameters(given.extended(MATERIALS)) is first
-    assert NoiseScales(contact=0.1).parameters(given) is not first
+    source = with_deviation(0.1, "restitution[ball, floor]")
+    first = NoiseScales().parameters(source)
+    assert NoiseScales().parameters(source.extended(MATERIALS)) is first
+    assert NoiseScales(contact=0.1).parameters(source) is not first
     assert NoiseScales().parameters(learned()) is not first
 
 

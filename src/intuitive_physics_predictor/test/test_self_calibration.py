@@ -55,9 +55,9 @@ def test_the_factor_becomes_the_ratio_of_what_was_to_what_was_claimed(ratio, con
     # 1 / sqrt(6 n); comparisons of one throw share theirs and count as fewer.
     calibration = SelfCalibration()
     outcomes(calibration, np.random.default_rng(1), 0.01, 0.01 * ratio, 150, contact)
-    found = calibration.factor("spin" if contact else "state")
-    assert np.log(found.value) == pytest.approx(np.log(ratio), abs=4.0 * found.error)
-    assert found.error < 0.1
+    factor = calibration.factor("spin" if contact else "state")
+    assert np.log(factor.value) == pytest.approx(np.log(ratio), abs=4.0 * factor.error)
+    assert factor.error < 0.1
     # What was not compared is not known.
     other = calibration.factor("state" if contact else "spin")
     assert (other.value, other.comparisons) == (pytest.approx(1.0), 0.0)
@@ -81,9 +81,9 @@ def test_factors_are_on_what_they_were_learned_of():
 
 
 def test_nothing_known_is_one_with_the_error_of_the_prior():
-    found = SelfCalibration().factor("state")
-    assert found.value == pytest.approx(1.0)
-    assert found.error == pytest.approx(PRIOR_DEVIATION, rel=0.01)
+    factor = SelfCalibration().factor("state")
+    assert factor.value == pytest.approx(1.0)
+    assert factor.error == pytest.approx(PRIOR_DEVIATION, rel=0.01)
 
 
 def test_few_throws_move_it_little():
@@ -117,9 +117,9 @@ def test_factor_stays_within_its_bounds(claimed, true, seed):
     calibration = SelfCalibration()
     outcomes(calibration, np.random.default_rng(seed), claimed, true, 3)
     for kind in ("state", "spin"):
-        found = calibration.factor(kind)
-        assert np.exp(GRID[0]) <= found.value <= np.exp(GRID[-1])
-        assert np.isfinite(found.error)
+        factor = calibration.factor(kind)
+        assert np.exp(GRID[0]) <= factor.value <= np.exp(GRID[-1])
+        assert np.isfinite(factor.error)
 
 
 def test_calibration_survives_json():

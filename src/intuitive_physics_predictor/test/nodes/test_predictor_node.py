@@ -216,31 +216,32 @@ def test_unusable_states_are_reported_and_nothing_is_published(peer, inputs, cha
     assert len(heard) == count
 
 
+def parameter_messages(values):
+    return [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+
+
 def set_parameters(peer, **values):
-    request = SetParameters.Request(
-        parameters=[
-            Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
-        ]
-    )
+    request = SetParameters.Request(parameters=parameter_messages(values))
     return peer.call(SetParameters, f"{NODE}/set_parameters", request).results
 
 
 def test_all_parameters_may_be_set_while_the_node_runs(peer, inputs):
     names = peer.call(ListParameters, f"{NODE}/list_parameters", ListParameters.Request())
     of_ros = {"use_sim_time", "start_type_description_service"}
-    own = [
+    of_node = [
         name
         for name in names.result.names
         if name not in of_ros and not name.startswith("qos_overrides.")
     ]
-    request = DescribeParameters.Request(names=own)
-    described = peer.call(DescribeParameters, f"{NODE}/describe_parameters", request).descriptors
-    assert {"rate", "horizon", "sample_count", "stale_after", "marker_rate"} <= set(own)
-    for one in described:
-        assert one.description, one.name
-        assert one.read_only is (one.name in ("autostart", "calibration_file")), one.name
-        number = one.type in (Parameter.Type.INTEGER.value, Parameter.Type.DOUBLE.value)
-        assert number == bool(one.integer_range or one.floating_point_range), one.name
+    request = DescribeParameters.Request(names=of_node)
+    descriptors = peer.call(DescribeParameters, f"{NODE}/describe_parameters", request).descriptors
+    assert {"rate", "horizon", "sample_count", "stale_after", "marker_rate"} <= set(of_node)
+    for parameter in descriptors:
+        name = parameter.name
+        assert parameter.description, name
+        assert parameter.read_only is (name in ("autostart", "calibration_file")), name
+        is_number = parameter.type in (Parameter.Type.INTEGER.value, Parameter.Type.DOUBLE.value)
+        assert is_number == bool(parameter.integer_range or parameter.floating_point_range), name
 
 
 def test_parameters_count_from_the_next_prediction(peer, inputs):
@@ -274,11 +275,7 @@ def test_parameters_count_from_the_next_prediction(peer, inputs):
     ],
 )
 def test_invalid_parameters_are_refused_and_change_nothing(peer, values, word):
-    request = SetParametersAtomically.Request(
-        parameters=[
-            Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
-        ]
-    )
+    request = SetParametersAtomically.Request(parameters=parameter_messages(values))
     name = f"{NODE}/set_parameters_atomically"
     answer = peer.call(SetParametersAtomically, name, request).result
     assert not answer.successful
@@ -575,7 +572,6 @@ def test_a_long_request_does_not_stop_the_predictions(peer, fed):
     request = predict_request(
         objects=states_message((BOX,)).objects, horizon=5.0, sample_count=3000
     )
-    seconds = []
     start = time.monotonic()
     peer.call(Predict, f"{NODE}/predict", request, timeout=60.0)
     seconds = time.monotonic() - start
@@ -603,36 +599,6 @@ def test_query_without_a_prediction_is_not_ready(peer):
 
     answer = peer.spin_until(refused, "the states to be too old")
     assert "nothing is predicted" in answer.result.message
-
-
-def test_second_node_of_the_same_name_is_reported(peer, node):
-    diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
-    with NodeProcess(MODULE) as second:
-        peer.spin_until(
-            lambda: any(
-                "2 nodes have the name" in s.message for d in diagnostics for s in d.status
-            ),
-            "a diagnostic of two nodes",
-        )
-    assert "Traceback" not in second.output
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_predictor_node_ends_clean(number):
-    process = NodeProcess(MODULE, ["-r", "__node:=other_predictor"])
-    with Peer("watcher") as peer:
-        peer.spin_until(
-            lambda: "other_predictor" in peer.node.get_node_names(), "the node to appear"
-        )
-    assert process.stop(number) == 0
-    assert "Traceback" not in process.output
-
-
-def test_a_bad_parameter_is_one_line(tmp_path):
-    process = NodeProcess(MODULE, ["-p", "rate:=-5.0"])
-    assert process.wait(20.0) == 1
-    assert "rate" in process.output
-    assert "Traceback" not in process.output
 
 
 def test_quality_of_service_is_a_parameter():
@@ -665,15 +631,16 @@ def test_estimated_states_are_published(peer, inputs):
         place = np.array([2.0 * after, 0.0, 1.0 - 4.905 * after**2])
         velocity = (2.0, 0.0, -9.81 * after)
         state = ObjectState(place, linear_velocity=velocity, covariance=COVARIANCE)
-        seen = Detections([stamp], [place], [1e-6 * np.eye(3)], np.zeros((3, 3)))
+        detection = Detections([stamp], [place], [1e-6 * np.eye(3)], np.zeros((3, 3)))
         return object_states_to_message(
-            [BALL], [state], frame_id="lab", stamp=message.header.stamp, detections=[seen]
+            [BALL], [state], frame_id="lab", stamp=message.header.stamp, detections=[detection]
         )
 
-    def is_known():
-        return any(one.objects[0].twist.covariance[0] < 0.5 * COVARIANCE[6, 6] for one in heard)
+    def is_more_certain():
+        variances = [message.objects[0].twist.covariance[0] for message in heard]
+        return any(variance < 0.5 * COVARIANCE[6, 6] for variance in variances)
 
-    feed_until(peer, is_known, "a speed that is known better", flying)
+    feed_until(peer, is_more_certain, "a speed that is more certain", flying)
 
 
 COMPILES = """

@@ -38,7 +38,7 @@ class PublishPath(Node):
     def _publish(self):
         message, self._newest = self._newest, None
         objects = [] if message is None else message.objects
-        chosen = [one for one in objects if self._object in ("", one.object_id)]
+        chosen = [item for item in objects if self._object in ("", item.object_id)]
         if not chosen:
             return
         times = np.array(message.times)

@@ -64,18 +64,18 @@ def test_errors_of_detections_have_the_covariance_of_their_point():
     roots = rng.standard_normal((1, 2, 3, 3))
     covariances = roots @ roots.swapaxes(-1, -2)
     outcome = Outcome(SCENE, np.array([0.1, 0.2]), np.zeros((1, 2, 3)), covariances)
-    seen = outcome.seen(np.ones((20_000, 1, 2, 3)), rng)
+    detected = outcome.detected(np.ones((20_000, 1, 2, 3)), rng)
     for time in range(2):
-        sample_covariance = np.cov(seen[:, 0, time], rowvar=False)
+        sample_covariance = np.cov(detected[:, 0, time], rowvar=False)
         # An element is off by √((σ_ii σ_jj + σ_ij²) / n), 1 % of the largest variance.
         largest = np.diag(covariances[0, time]).max()
         np.testing.assert_allclose(sample_covariance, covariances[0, time], atol=0.05 * largest)
-    np.testing.assert_allclose(np.mean(seen, axis=0), 1.0, atol=0.1)
+    np.testing.assert_allclose(np.mean(detected, axis=0), 1.0, atol=0.1)
 
 
 def test_outcome_without_covariances_is_exact_and_wrong_shapes_are_refused():
     outcome = Outcome(SCENE, np.array([0.1]), np.zeros((1, 1, 3)))
     samples = np.ones((5, 1, 1, 3))
-    assert outcome.seen(samples, np.random.default_rng(0)) is samples
+    assert outcome.detected(samples, np.random.default_rng(0)) is samples
     with pytest.raises(InvalidInputError, match="covariances have the shape"):
         Outcome(SCENE, np.array([0.1]), np.zeros((1, 1, 3)), np.eye(3))

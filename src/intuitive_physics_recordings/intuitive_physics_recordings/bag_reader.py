@@ -164,11 +164,11 @@ class BagReader:
         """
         connections = self._reader.connections
         if topics is not None:
-            known = {connection.topic for connection in connections}
+            present = {connection.topic for connection in connections}
             for name in topics:
-                if name not in known:
+                if name not in present:
                     raise UnknownNameError(
-                        f"topic is {name!r}; the bag {self.path} has {', '.join(sorted(known))}"
+                        f"topic is {name!r}; the bag {self.path} has {', '.join(sorted(present))}"
                     )
             connections = [c for c in connections if c.topic in topics]
         if not connections:

@@ -99,7 +99,7 @@ class Ros1Reader:
         self, connections: Sequence[Connection], start: int
     ) -> Iterator[tuple[Connection, int, memoryview]]:
         """Yield messages from a time (ns since the epoch) on as bytes of CDR, in order of time."""
-        asked = {one.id: one for one in connections}
+        asked = {connection.id: connection for connection in connections}
         recorded = [self._recorded[number] for number in asked]
         for connection, time, data in self._reader.messages(recorded, start=start):
             message = self._types_of(connection).deserialize_ros1(data, connection.msgtype)
@@ -129,7 +129,7 @@ def _as_ros2(message: Any, name: str, types: Typestore) -> Any:
         if kind == Nodetype.NAME:
             value = _as_ros2(value, str(detail), types)
         elif kind != Nodetype.BASE and detail[0][0] == Nodetype.NAME:
-            value = [_as_ros2(one, str(detail[0][1]), types) for one in value]
+            value = [_as_ros2(item, str(detail[0][1]), types) for item in value]
         values[field] = value
     return types.types[name](**values)
 

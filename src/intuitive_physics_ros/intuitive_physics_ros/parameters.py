@@ -188,11 +188,11 @@ def _converted(declared: Mapping[str, Parameter], new: RosParameter) -> RosParam
 
 
 def _check(declared: Mapping[str, Parameter], new: Iterable[RosParameter]) -> SetParametersResult:
-    for parameter in new:
-        known = declared.get(parameter.name)
-        if known is not None and not known.accepts(parameter.value):
+    for change in new:
+        parameter = declared.get(change.name)
+        if parameter is not None and not parameter.accepts(change.value):
             return SetParametersResult(
                 successful=False,
-                reason=f"{parameter.name} is {parameter.value!r}; expected {known.constraint}",
+                reason=f"{change.name} is {change.value!r}; expected {parameter.constraint}",
             )
     return SetParametersResult(successful=True)

@@ -66,7 +66,7 @@ def test_a_thrown_ball_is_to_be_caught_where_it_will_be() -> None:
         finally:
             assert client.stop() == 0
     assert "Traceback" not in client.output
-    for x, y, z, t, percent in (map(float, one) for one in SAID.findall(client.output)):
+    for x, y, z, t, percent in (map(float, numbers) for numbers in SAID.findall(client.output)):
         assert t >= 0.2
         # The answer is of a prediction that began up to 1/60 s and some ms after the state.
         assert x == pytest.approx(t, abs=0.05)
@@ -103,7 +103,7 @@ def test_the_example_in_c_uses_names_that_exist() -> None:
     ):
         constants = set(re.findall(rf"{name}::([A-Z]+)\b", text))
         assert constants
-        assert all(hasattr(kind, one) for one in constants)
+        assert all(hasattr(kind, name) for name in constants)
     headers = set(re.findall(r'"intuitive_physics_msgs/(\w+)/(\w+)\.hpp"', text))
     for folder, name in headers:
         kind = "".join(part.capitalize() for part in name.split("_"))

@@ -60,11 +60,11 @@ def test_path_and_poses_are_those_of_the_prediction(arguments: tuple[str, ...], 
     assert "Traceback" not in client.output
     path, samples = paths[-1], poses[-1]
     assert path.header.frame_id == samples.header.frame_id == "lab"
-    stamps = [float(seconds_from_stamp(one.header.stamp)) for one in path.poses]
+    stamps = [float(seconds_from_stamp(pose.header.stamp)) for pose in path.poses]
     np.testing.assert_allclose(stamps, 100.0 + TIMES)
-    places = [one.pose.position for one in path.poses]
+    places = [pose.pose.position for pose in path.poses]
     np.testing.assert_allclose([(p.x, p.y, p.z) for p in places], [(t, 2, height) for t in TIMES])
-    assert all(one.pose.orientation.w == 1.0 for one in path.poses)
+    assert all(pose.pose.orientation.w == 1.0 for pose in path.poses)
     # Nearest to 0.3 s after the start is 0.25 s.
     assert float(seconds_from_stamp(samples.header.stamp)) == 100.25
     np.testing.assert_allclose(

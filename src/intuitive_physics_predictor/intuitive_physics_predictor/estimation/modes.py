@@ -134,12 +134,12 @@ def _damped(
     """Go the share of the full steps (m, n) that is best, or stay."""
     m, n = centres.shape
     tried = centres[:, None] + DAMPING[:, None] * full[:, None]
-    found = fit.residuals(tried.reshape(-1, n)).reshape(m, len(DAMPING), -1)
+    outcomes = fit.residuals(tried.reshape(-1, n)).reshape(m, len(DAMPING), -1)
     tried = np.concatenate([centres[:, None], tried], axis=1)
-    found = np.concatenate([residuals[:, None], found], axis=1)
-    misfits = 0.5 * (tried**2).sum(axis=2) + 0.5 * (found**2).sum(axis=2)
+    outcomes = np.concatenate([residuals[:, None], outcomes], axis=1)
+    misfits = 0.5 * (tried**2).sum(axis=2) + 0.5 * (outcomes**2).sum(axis=2)
     rows, best = np.arange(m), misfits.argmin(axis=1)
-    return tried[rows, best], found[rows, best], misfits[rows, best]
+    return tried[rows, best], outcomes[rows, best], misfits[rows, best]
 
 
 def _distinct(modes: Modes) -> Modes:

@@ -133,7 +133,7 @@ class TrajectoryFit:
         self, values: NDArray[np.float64], instants: NDArray[np.float64]
     ) -> SimulatedMotions:
         """Simulate motions at all that was seen, and at further instants (k,) s."""
-        spins = [one.time for one in self._spins]
+        spins = [spin.time for spin in self._spins]
         turns = [time - INSTANT for time in spins]
         times = np.unique(np.concatenate([self._times, turns, spins, instants]))
         rollout = self._simulator.rollout_batch(
@@ -163,9 +163,9 @@ class TrajectoryFit:
         # One product of matrices for each detection is much faster than one for each residual.
         rows = apart.swapaxes(0, 1) @ self._whitening.swapaxes(1, 2)
         whitened = [rows.swapaxes(0, 1)]
-        for one in self._spins:
-            spin = motions.turn(one.time - INSTANT, one.time) / INSTANT
-            whitened.insert(0, ((spin - one.mean) @ one.whitening.T)[:, None])
+        for measured in self._spins:
+            spin = motions.turn(measured.time - INSTANT, measured.time) / INSTANT
+            whitened.insert(0, ((spin - measured.mean) @ measured.whitening.T)[:, None])
         whole = np.concatenate(whitened, axis=1).reshape(len(values), -1)
         whole[np.isnan(whole)] = LOST
         return whole

@@ -100,15 +100,15 @@ class Inputs:
         InvalidInputError
             When they are in different frames or do not match.
         """
-        environment, seen = self.perceived()
-        if not seen.objects:
+        environment, states = self.perceived()
+        if not states.objects:
             raise NoObjectsError("no objects are seen")
-        if seen.frame_id != environment.frame_id:
+        if states.frame_id != environment.frame_id:
             raise InvalidInputError(
-                f"object states are in frame {seen.frame_id!r}; "
+                f"object states are in frame {states.frame_id!r}; "
                 f"expected {environment.frame_id!r}, the environment's"
             )
-        return Scene(environment, seen.objects, seen.states)
+        return Scene(environment, states.objects, states.states)
 
 
 @dataclass(frozen=True, eq=False)

@@ -183,10 +183,10 @@ class PredictionSettings:
         """
         if learned is None:
             check_limit("most_materials", len(materials), "materials in the scene")
-        known = learned or LearnedParameters.defaults(materials)
-        union = tuple(dict.fromkeys((*known.materials, *materials)))
+        parameters = learned or LearnedParameters.defaults(materials)
+        union = tuple(dict.fromkeys((*parameters.materials, *materials)))
         check_limit("most_materials", len(union), "materials, learned and in the scene")
-        return self.options.noise_scales.parameters(known.extended(union))
+        return self.options.noise_scales.parameters(parameters.extended(union))
 
     def prepare(
         self,

@@ -128,7 +128,7 @@ class PredictorNode(ManagedNode):
         try:
             return load_calibration(Path(path).expanduser())
         except InvalidInputError as error:
-            self.get_logger().warning(f"{error}; it begins anew")
+            self.get_logger().warning(f"{error}; the calibration begins without it")
             return SelfCalibration()
 
     def _on_save_tick(self) -> None:
@@ -185,7 +185,7 @@ class PredictorNode(ManagedNode):
         values, names = self.values(), {parameter.name for parameter in new}
         use_limits_of(values)
         if not self.active:
-            # `activate` reads all but the seed, which a pause does not begin anew.
+            # `activate` reads all but the seed, which a pause does not restart.
             if self.configured and "seed" in names:
                 self._predictor.set(seed=values["seed"])
             return

@@ -45,8 +45,8 @@ def highest_density_levels(samples: ArrayLike, outcome: ArrayLike) -> tuple[floa
     drawn = finite_array(samples, "samples", (None, None))
     if len(drawn) < FEWEST_SAMPLES:
         raise InvalidInputError(f"there are {len(drawn)} samples; expected at least 2")
-    seen = finite_array(outcome, "outcome", (drawn.shape[1],))
-    pool = np.vstack([seen, drawn])
+    point = finite_array(outcome, "outcome", (drawn.shape[1],))
+    pool = np.vstack([point, drawn])
     k = round(np.sqrt(len(drawn)))
     # The nearest one to each point is itself.
     distances = KDTree(pool).query(pool, [k + 1])[0][:, 0]

@@ -45,7 +45,9 @@ class Outcome:
                 f"covariances have the shape {self.covariances.shape}; expected {(*expected, 3)}"
             )
 
-    def seen(self, samples: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+    def detected(
+        self, samples: NDArray[np.float64], rng: np.random.Generator
+    ) -> NDArray[np.float64]:
         """Return the detections of objects at `samples`: with errors, where positions have some.
 
         Parameters
@@ -104,7 +106,7 @@ def predict_outcomes(
     """
     for number, outcome in enumerate(outcomes):
         samples, noise = outcome_generators(seed, number)
-        yield outcome.seen(prediction(outcome, samples), noise)
+        yield outcome.detected(prediction(outcome, samples), noise)
 
 
 def outcome_generators(seed: int, number: int) -> tuple[np.random.Generator, np.random.Generator]:

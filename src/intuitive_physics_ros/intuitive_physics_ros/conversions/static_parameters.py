@@ -84,10 +84,10 @@ def static_parameters_to_message(
 
 
 def _spin_fields(learned: LearnedParameters) -> dict[str, Any]:
-    known = learned.initial_spins.by_material
-    if not known:
+    spread_of = learned.initial_spins.by_material
+    if not spread_of:
         return {}
-    spreads = [known.get(name) for name in learned.materials]
+    spreads = [spread_of.get(name) for name in learned.materials]
     return {
         field: float64_field([getattr(spread, name, np.nan) for spread in spreads])
         for field, name in SPIN_FIELDS.items()

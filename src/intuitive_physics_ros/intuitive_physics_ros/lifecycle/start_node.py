@@ -28,8 +28,8 @@ def main() -> int:
     name = os.path.basename(sys.argv[0]).removesuffix(".py")
     for entry_point in entry_points(group=GROUP, name=name):
         return _code(entry_point.load()())
-    known = ", ".join(sorted({entry_point.name for entry_point in entry_points(group=GROUP)}))
-    print(f"{name}: error: no node has this name; expected one of {known}", file=sys.stderr)
+    names = ", ".join(sorted({entry_point.name for entry_point in entry_points(group=GROUP)}))
+    print(f"{name}: error: no node has this name; expected one of {names}", file=sys.stderr)
     return 1
 
 

@@ -110,15 +110,22 @@ NOTHING = Detections([-1.0], np.zeros((1, 3)), np.eye(3)[None], np.zeros((3, 3))
 """Of before the beginning."""
 
 
+def estimate_of(around, frames):
+    """Follow a ball through frames of time, perceived state and detection."""
+    estimate = ObjectEstimate(np.random.default_rng(3))
+    for time, state, detected in frames:
+        estimate.update(around, BALL, state, time, detected)
+    return estimate
+
+
 def followed(around, state, duration, rng, spin=PRIOR_SPIN):
     """Follow a ball from `state` on for `duration` s; return the states at the end, and when."""
     times = STEP * np.arange(1, round(duration / STEP) + 1)
     places = path_of(around, state, times) + NOISE * rng.standard_normal((len(times), 3))
-    estimate = ObjectEstimate(np.random.default_rng(3))
-    estimate.update(around, BALL, uncertain(state, spin, rng), 0.0, NOTHING)
+    frames = [(0.0, uncertain(state, spin, rng), NOTHING)]
     for time, place in zip(times, places, strict=True):
-        estimate.update(around, BALL, uncertain(state, spin), time, detection(time, place))
-    return estimate.states, float(times[-1])
+        frames.append((time, uncertain(state, spin), detection(time, place)))
+    return estimate_of(around, frames).states, float(times[-1])
 
 
 def test_a_bounce_that_sticks_gives_the_spin_along_its_plane():
@@ -207,7 +214,6 @@ def shown(around, state, duration, rng, begun=0.0):
     begun : s since when the ball was seen before the first state
     """
     spin = SeenSpin(state.angular_velocity + SURFACE, SURFACE**2 * np.eye(3), -begun)
-    estimate = ObjectEstimate(np.random.default_rng(3))
     perceived = uncertain(state, rng=rng)
     if begun > 0.0:
         # As perception publishes it: the product of the guess and of what the surface shows.
@@ -220,17 +226,11 @@ def shown(around, state, duration, rng, begun=0.0):
             angular_velocity=mean,
             covariance=np.diag(variances),
         )
-    first = replace_spin(NOTHING, spin if begun > 0.0 else None)
-    estimate.update(around, BALL, perceived, 0.0, first)
+    frames = [(0.0, perceived, replace(NOTHING, spin=spin if begun > 0.0 else None))]
     times = STEP * np.arange(1, round(duration / STEP) + 1)
     for time, place in zip(times, path_of(around, state, times), strict=True):
-        detected = replace_spin(detection(time, place), spin)
-        estimate.update(around, BALL, perceived, time, detected)
-    return estimate.states
-
-
-def replace_spin(detected, spin):
-    return replace(detected, spin=spin)
+        frames.append((time, perceived, replace(detection(time, place), spin=spin)))
+    return estimate_of(around, frames).states
 
 
 @pytest.mark.parametrize("begun", [0.0, 0.1])
@@ -263,15 +263,12 @@ def test_the_spin_that_a_surface_showed_is_known_after_the_bounce():
     start = ObjectState((0, 0, 0.5), linear_velocity=(2, 0.5, 0), angular_velocity=(6, -9, 4))
     times = STEP * np.arange(1, 13)
     path = path_of(around, start, times)
-    estimate = ObjectEstimate(np.random.default_rng(3))
-    estimate.update(around, BALL, uncertain(start), 0.0, NOTHING)
+    spin = SeenSpin(start.angular_velocity, SURFACE**2 * np.eye(3), STEP)
+    frames = [(0.0, uncertain(start), NOTHING)]
     for time, place in zip(times, path, strict=True):
-        spin = SeenSpin(start.angular_velocity, SURFACE**2 * np.eye(3), STEP)
-        detected = detection(time, place)
-        if time < 0.28:
-            detected = replace_spin(detected, spin)
-        estimate.update(around, BALL, uncertain(start), time, detected)
-    mean, covariance = estimate.states.moments
+        shown_spin = spin if time < 0.28 else None
+        frames.append((time, uncertain(start), replace(detection(time, place), spin=shown_spin)))
+    mean, covariance = estimate_of(around, frames).states.moments
     after = spin_at(around, start, float(times[-1]))
     assert np.linalg.norm(after - start.angular_velocity) > 1.0
     # A slip turns the ball by 5/2 μ (1 + e) v_n / r = 13 rad/s, as surely as μ is known: 20 %.
@@ -349,11 +346,9 @@ def test_perceived_spin_is_no_guess():
 
 def test_resting_or_undetected_object_has_no_estimate():
     around = surroundings()
-    estimate = ObjectEstimate(np.random.default_rng(0))
-    for time, state, detected in seen_flight(around, FLYING, 6):
-        estimate.update(around, BALL, state, time, detected)
+    estimate = estimate_of(around, seen_flight(around, FLYING, 6))
     assert estimate.states is not None
-    estimate.update(around, BALL, state, 7 * STEP, None)
+    estimate.update(around, BALL, FLYING, 7 * STEP, None)
     assert estimate.states is None
     still = ObjectState((0, 0, RADIUS), covariance=1e-6 * np.eye(12))
     estimate.update(around, BALL, still, 8 * STEP, detection(8 * STEP, still.position))
@@ -362,10 +357,8 @@ def test_resting_or_undetected_object_has_no_estimate():
 
 def test_time_that_goes_back_forgets():
     around = surroundings()
-    estimate = ObjectEstimate(np.random.default_rng(0))
     frames = list(seen_flight(around, FLYING, 6))
-    for time, state, detected in frames:
-        estimate.update(around, BALL, state, time, detected)
+    estimate = estimate_of(around, frames)
     assert estimate.states is not None
     time, state, detected = frames[1]
     estimate.update(around, BALL, state, time, detected)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Vector3
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
@@ -30,9 +30,6 @@ from intuitive_physics.shapes import Box, Capsule, Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_ros import conversions as to
-
-settings.register_profile("conversions", deadline=None, max_examples=50)
-settings.load_profile("conversions")
 
 NAMES = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1).filter(str.strip)
 NUMBERS = st.floats(-1e6, 1e6)
@@ -79,11 +76,11 @@ def environments(draw):
 def observations(draw):
     start = draw(st.floats(0.0, 2e9))
     objects = []
-    for thing in draw(st.lists(OBJECTS, min_size=1, max_size=2, unique_by=lambda o: o.id)):
+    for item in draw(st.lists(OBJECTS, min_size=1, max_size=2, unique_by=lambda o: o.id)):
         steps = draw(st.lists(st.floats(1e-3, 1.0), min_size=1, max_size=5))
         times = start + np.cumsum(steps)
         positions = draw(vectors((len(steps), 3)))
-        objects.append(ObservedObject(thing, Trajectory(times, positions), draw(STATES)))
+        objects.append(ObservedObject(item, Trajectory(times, positions), draw(STATES)))
     return Observation(draw(environments()), tuple(objects), start, draw(NAMES))
 
 
@@ -172,10 +169,10 @@ def test_environment_comes_back(environment):
 
 @given(st.lists(st.tuples(OBJECTS, STATES), max_size=3))
 def test_object_states_come_back(pairs):
-    things, states = [p[0] for p in pairs], [p[1] for p in pairs]
-    message = over_the_wire(to.object_states_to_message(things, states, frame_id="world"))
-    got_things, got_states = to.object_states_from_messages(message.objects)
-    assert list(got_things) == things
+    objects, states = [p[0] for p in pairs], [p[1] for p in pairs]
+    message = over_the_wire(to.object_states_to_message(objects, states, frame_id="world"))
+    got_objects, got_states = to.object_states_from_messages(message.objects)
+    assert list(got_objects) == objects
     for got, state in zip(got_states, states, strict=True):
         assert_same_state(got, state)
 
@@ -207,12 +204,12 @@ def test_detections_of_a_frame_come_back():
 
 
 @given(environments(), OBJECTS, STATES)
-def test_scene_is_read_from_its_parts(environment, thing, state):
+def test_scene_is_read_from_its_parts(environment, item, state):
     scene = to.scene_from_messages(
-        to.environment_to_message(environment), [to.object_state_to_message(thing, state)]
+        to.environment_to_message(environment), [to.object_state_to_message(item, state)]
     )
     assert_same_environment(scene.environment, environment)
-    assert scene.objects == (thing,)
+    assert scene.objects == (item,)
     assert_same_state(scene.states[0], state)
 
 
@@ -383,12 +380,12 @@ def test_scene_wants_objects_and_each_id_once():
 
 
 def observation_message():
-    seen = ObservedObject(
+    ball = ObservedObject(
         SceneObject("ball", "rubber", Sphere(0.1)),
         Trajectory([5.1, 5.2], [(0, 0, 1), (0, 0, 0.9)]),
         ObjectState((0, 0, 1)),
     )
-    return to.observation_to_message(Observation(Environment(), (seen,), 5.0, "first"))
+    return to.observation_to_message(Observation(Environment(), (ball,), 5.0, "first"))
 
 
 def test_wrong_observation():

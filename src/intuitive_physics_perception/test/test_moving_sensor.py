@@ -136,7 +136,7 @@ def test_without_poses_the_same_frames_are_a_moved_sensor(head) -> None:
     assert any(result.moved for _, result in results)
 
 
-@pytest.mark.parametrize("things", [(), CLUTTER], ids=["empty", "cluttered"])
+@pytest.mark.parametrize("clutter", [(), CLUTTER], ids=["empty", "cluttered"])
 def test_nothing_is_followed_where_nothing_moves_but_the_head(head, clutter) -> None:
     pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
     for k in range(45):

@@ -25,9 +25,6 @@ from intuitive_physics.validation import set_fields
 FORMAT = "intuitive_physics/learned_parameters/2"
 """Format of files, which every file names."""
 
-LARGEST_NUMBER = np.finfo(np.float64).max
-"""Ends of intervals may be any finite number."""
-
 Known = TypeVar("Known", ParameterPosterior, GivenKnowledge)
 """Knowledge of the parameters of some materials."""
 
@@ -99,7 +96,7 @@ class LearnedParameters:
             cost=_cost(cost),
             observation_count=_count(observation_count, "observation count"),
             method=str(method),
-            intervals=checked_intervals(intervals, size, -LARGEST_NUMBER, LARGEST_NUMBER),
+            intervals=checked_intervals(intervals, size),
             posterior=_of_materials(posterior, parameters.materials),
             given=_of_materials(given, parameters.materials),
             initial_spins=spins,

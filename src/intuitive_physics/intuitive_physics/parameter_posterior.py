@@ -398,7 +398,7 @@ def widened_bounds(bounds: Mapping[str, Bounds], parameters: StaticParameters) -
 
 
 def checked_intervals(
-    value: ArrayLike | None, size: int, least: float, most: float
+    value: ArrayLike | None, size: int, least: float = -np.inf, most: float = np.inf
 ) -> NDArray[np.float64]:
     """Return one-sided intervals (size, 2) with ends from `least` to `most`, or NaN twice.
 
@@ -417,10 +417,12 @@ def checked_intervals(
             f"intervals have shape {ends.shape}; expected ({size}, 2), two ends for each parameter"
         )
     right = (ends[:, 0] >= least) & (ends[:, 0] <= ends[:, 1]) & (ends[:, 1] <= most)
+    right &= np.isfinite(ends).all(axis=1)
     wrong = ~(right | np.isnan(ends).all(axis=1))
     if wrong.any():
+        numbers = "finite numbers" if np.isinf(most) else f"numbers from {least:g} to {most:g}"
         raise InvalidInputError(
-            f"interval is {ends[wrong][0].tolist()}; expected two numbers from {least:g} to "
-            f"{most:g} that do not fall, or NaN twice"
+            f"interval is {ends[wrong][0].tolist()}; expected two {numbers}, the lower one first, "
+            "or NaN twice"
         )
     return ends

@@ -295,7 +295,7 @@ def test_files_keep_the_posterior():
         ({"mean": [0.5]}, "shape"),
         ({"factor": [[0.0] * SIZE] * (SIZE + 1)}, "rows"),
         ({"factor": [[np.inf] * SIZE]}, "finite"),
-        ({"intervals": {"density[ball]": [0.5, 0.4]}}, "do not fall"),
+        ({"intervals": {"density[ball]": [0.5, 0.4]}}, "the lower one first"),
         ({"intervals": {"density[stone]": [0.5, 0.6]}}, "density.stone"),
         ({"bounds": {"colour": [0.0, 1.0, "linear"]}}, "colour"),
         ({"bounds": None}, "cannot be read"),

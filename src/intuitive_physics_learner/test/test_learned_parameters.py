@@ -86,8 +86,11 @@ def test_defaults():
         ({"standard_deviations": [-0.1] * 5}, "expected finite numbers ≥ 0"),
         ({"identified": "yes"}, "identified"),
         ({"intervals": [[0.0, 1.0]]}, r"shape \(1, 2\); expected \(5, 2\)"),
-        ({"intervals": [[1.0, 0.0]] * 5}, "expected two numbers from .* that do not fall"),
-        ({"intervals": [[0.0, float("nan")]] * 5}, "expected two numbers from .* that do not fall"),
+        ({"intervals": [[1.0, 0.0]] * 5}, "expected two finite numbers, the lower one first"),
+        (
+            {"intervals": [[0.0, float("nan")]] * 5},
+            "expected two finite numbers, the lower one first",
+        ),
         ({"intervals": "wide"}, "expected 5 pairs of numbers"),
         ({"version": -1}, "version is -1"),
         ({"version": 1.5}, "version is 1.5"),

@@ -122,6 +122,26 @@ def test_what_a_run_has_started_ends_with_it(number, busy):
     assert run.wait() == (143 if is_tidy else -signal.SIGKILL)
 
 
+def test_a_child_that_is_forked_as_the_run_is_killed_ends():
+    code = """
+import os, time
+from intuitive_physics.processes import guard_run
+
+os.register_at_fork(after_in_child=lambda: time.sleep(0.5))  # a busy machine
+guard_run()
+if os.fork() == 0:
+    time.sleep(300)
+print("up", flush=True)
+time.sleep(300)
+"""
+    mark = uuid.uuid4().hex
+    run = python(code, environment={**os.environ, "CUT_OFF": mark})
+    run.wait_for("up", PATIENCE)
+    run.send_signal(signal.SIGKILL)
+    time.sleep(MOMENT)
+    assert processes_of(mark) == []
+
+
 def test_a_run_ends_with_its_make(tmp_path):
     (tmp_path / "run.py").write_text(RUN.format(busy="pass"))
     (tmp_path / "Makefile").write_text(f"all:\n\t@{sys.executable} run.py; true\n")

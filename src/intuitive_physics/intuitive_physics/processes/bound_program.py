@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import runpy
 import sys
 
@@ -12,10 +11,7 @@ from intuitive_physics.processes.guard import die_with_parent
 def main() -> None:
     """Run `<parent's id> <module> <arguments>`."""
     parent, module = int(sys.argv[1]), sys.argv[2]
-    die_with_parent()
-    if os.getppid() != parent:
-        # The parent ended before this process was bound to it.
-        return
+    die_with_parent(parent)
     sys.argv = sys.argv[2:]
     runpy.run_module(module, run_name="__main__", alter_sys=True)
 

@@ -29,6 +29,9 @@ _SET_DEATH_SIGNAL = 1
 
 _watchdogs: list[subprocess.Popen[bytes]] = []
 
+_forking: list[int] = []
+"""Process id of the process that forks."""
+
 
 def guard_run(terminate: Callable[[], Any] = lambda: sys.exit(TERMINATED)) -> None:
     """Have all that this process starts from now on end with it, whatever ends it.
@@ -66,7 +69,7 @@ def guard_run(terminate: Callable[[], Any] = lambda: sys.exit(TERMINATED)) -> No
     signal.signal(signal.SIGTERM, lambda number, frame: terminate())
     # Written to at once, while the handler waits until Python is back from where it is.
     signal.set_wakeup_fd(wakeup, warn_on_full_buffer=False)
-    os.register_at_fork(after_in_child=_end_with_parent)
+    os.register_at_fork(before=_note_fork, after_in_child=_end_with_parent)
 
 
 def _makes() -> list[int]:
@@ -90,15 +93,26 @@ def bound_command(module: str, *arguments: str) -> list[str]:
     return [sys.executable, "-m", BOUND_PROGRAM, str(os.getpid()), module, *arguments]
 
 
-def die_with_parent() -> None:
-    """Have the kernel kill this process when the thread that started it ends, on Linux."""
+def die_with_parent(parent: int) -> None:
+    """Have the kernel kill this process when the thread that started it ends, on Linux.
+
+    Parameters
+    ----------
+    parent : process id of that thread's process; if it has ended already, this one does at once
+    """
     prctl = getattr(ctypes.CDLL(None), "prctl", None)
     if prctl is not None:
         prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
+
+
+def _note_fork() -> None:
+    _forking[:] = [os.getpid()]
 
 
 def _end_with_parent() -> None:
     """Be ended with the process that forked this one: its environment has no mark."""
     signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    die_with_parent()
+    die_with_parent(*_forking)

@@ -13,7 +13,7 @@ CAMERA = PinholeCamera(width=640, height=480, focal_length=(460.0, 460.0), cente
 
 def record(folder: Path, seconds: float, read_depth_image: Callable[[], np.ndarray]) -> None:
     """Write images (480, 640) uint16 in millimetres, 0 where there is no reading."""
-    end = time.time() + seconds
     with DepthBagWriter(folder, CAMERA) as bag:
+        end = time.time() + seconds
         while time.time() < end:
             bag.write(time.time_ns(), read_depth_image())

@@ -225,6 +225,7 @@ class WorkerSignal:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._future = Future()
+        self._lock = threading.Lock()
 
     def next(self) -> Future:
         """Return what to await; take it before looking at the state that may change."""
@@ -232,7 +233,9 @@ class WorkerSignal:
 
     def set(self) -> None:
         """Wake all that wait; from any thread."""
-        happened, self._future = self._future, Future()
+        # Two at once would complete one future and lose another that is awaited already.
+        with self._lock:
+            happened, self._future = self._future, Future()
         _complete(happened, self._node)
 
 

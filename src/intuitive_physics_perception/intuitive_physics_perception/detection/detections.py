@@ -171,7 +171,8 @@ def given_radius(
 
     `mean` (n,) and `covariance` (n, n), of each frame alone; `systematic` (4, 4) m² of centre and
     radius, which all frames share; `placed` (4,) places of these in the estimate; `radius` and its
-    standard `deviation` in m.
+    standard `deviation` in m. Returns the estimate (n,), and covariances (n, n) of each frame alone
+    and (4, 4) of all.
     """
     total = covariance.copy()
     total[np.ix_(placed, placed)] += systematic

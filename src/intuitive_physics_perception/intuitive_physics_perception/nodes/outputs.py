@@ -85,7 +85,7 @@ class Outputs:
         states: Sequence[ObjectState],
         colors: Sequence[NDArray[np.float64] | None] | None = None,
     ) -> None:
-        """Publish markers of an environment and of the objects in it."""
+        """Publish markers of an environment and its objects, in `colors` (3,) of 0 to 1."""
         header = Header(stamp=stamp, frame_id=environment.frame_id)
         self._markers.publish(
             MarkerArray(

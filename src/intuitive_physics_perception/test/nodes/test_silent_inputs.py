@@ -37,9 +37,10 @@ def test_a_wrong_camera_and_a_wrong_clock_are_warnings_with_the_right_names():
         for text in (frames, time, colour):
             peer.spin_until(lambda text=text: text in node.output, f"a warning {text!r}")
             assert node.output.count(text) == 1
+        # Frames, their camera's intrinsics, colours and time.
+        peer.spin_until(lambda: node.output.count("nothing arrived") >= 4, "four warnings")
         warnings = [line for line in node.output.splitlines() if "nothing arrived" in line]
         assert all("[WARN]" in line for line in warnings)
-        # Frames, their camera's intrinsics, colours and time.
         assert len(warnings) == 4
         heard.clear()
         peer.spin_until(lambda: heard, "diagnostics")

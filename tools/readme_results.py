@@ -13,13 +13,26 @@ import re
 import statistics
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
 RESULTS_PAGE = ROOT / "docs" / "results" / "index.md"
 BEGIN, END = "<!-- results: begin -->\n", "<!-- results: end -->\n"
-ANSWERS = ("question", "answer", "to compare with", "of", "command")
-FIGURES = ("what", "result", "to compare with", "of", "command")
+
+
+class Row(NamedTuple):
+    """A row of a table, in Markdown."""
+
+    subject: str
+    result: str
+    comparison: str
+    denominator: str
+    command: str
+
+
+ANSWERS = Row("question", "answer", "to compare with", "of", "command")
+FIGURES = Row("what", "result", "to compare with", "of", "command")
 
 
 def main() -> int:
@@ -71,17 +84,17 @@ def tables() -> dict[Path, str]:
     return {README: markdown_table(ANSWERS, answers), RESULTS_PAGE: page}
 
 
-def markdown_table(titles: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+def markdown_table(titles: Row, rows: list[Row]) -> str:
     lines = [titles, ("---",) * len(titles), *rows]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-def position_in_a_second() -> tuple[str, ...]:
+def position_in_a_second() -> Row:
     rows = markdown_rows("benchmarks/results/prediction_camera.md", "Thrown balls")
     (row,) = (
         row for row in rows if (row["spins, rad/s"], row["begins"]) == ("10", "after first bounce")
     )
-    return (
+    return Row(
         "Where will a ball be in a second? Median error once it has bounced, spins of 10 rad/s",
         f"{float(row['error, mm']):.0f} mm",
         f"spin guessed, not estimated: {float(row['guess']):.0f} mm",
@@ -90,12 +103,12 @@ def position_in_a_second() -> tuple[str, ...]:
     )
 
 
-def delay() -> tuple[str, ...]:
+def delay() -> Row:
     rows = markdown_rows("benchmarks/results/robot.md", "From the stamp")
     (row,) = (row for row in rows if row["received"] == "distribution")
     others = markdown_rows("benchmarks/results/perception.md", "Others")
     (peer,) = (row for row in others if row[""] == "Open3D + pyRANSAC-3D")
-    return (
+    return Row(
         "How soon is it known? Median from a depth image to the predicted distribution",
         f"{float(row['median']):.0f} ms",
         f"Open3D + pyRANSAC-3D, only to find the ball: {float(peer['ms a frame']):.0f} ms",
@@ -104,13 +117,13 @@ def delay() -> tuple[str, ...]:
     )
 
 
-def throws_to_learn() -> tuple[str, ...]:
+def throws_to_learn() -> Row:
     rows = markdown_rows("benchmarks/results/learning.md", "Throws until")
     suggested, random = (
         statistics.mean(int(row[f"{kind} throws"].partition(",")[0]) for row in rows)
         for kind in ("suggested", "random")
     )
-    return (
+    return Row(
         "How many throws teach a floor? Until friction and restitution are known to 3 % of their "
         "bounds, throws as the learner suggests",
         f"{suggested:.1f}",
@@ -120,11 +133,11 @@ def throws_to_learn() -> tuple[str, ...]:
     )
 
 
-def regions() -> tuple[str, ...]:
+def regions() -> Row:
     rows = table_file("docs/results/calibration/scores.csv")
     at = {row["prediction"]: row for row in rows if row["horizon"] == "2"}
     ours, fixed = at["noisy Newton"], at["fixed noise"]
-    return (
+    return Row(
         "How often is it right? Object inside the predicted 90 % region, 2 s ahead",
         f"{100 * float(ours['coverage_90']):.0f} %",
         f"the paper's fixed noise: {100 * float(fixed['coverage_90']):.0f} %",
@@ -133,12 +146,12 @@ def regions() -> tuple[str, ...]:
     )
 
 
-def speed() -> tuple[str, ...]:
+def speed() -> Row:
     ours, sleeping = simulation_rows()
     ratio, ratio_to_sleeping = (
         float(row["1_sphere"].removesuffix("×")) for row in (ours, sleeping)
     )
-    return (
+    return Row(
         "How much faster than ODE, the paper's engine, is a ball simulated?",
         f"{ratio:.0f} ×",
         f"ODE with sleeping bodies: {ratio / ratio_to_sleeping:.1f} ×",
@@ -147,13 +160,13 @@ def speed() -> tuple[str, ...]:
     )
 
 
-def cube_tosses() -> tuple[str, ...]:
+def cube_tosses() -> Row:
     rows = {row["prediction"]: row for row in table_file("docs/results/cube_tosses/errors.csv")}
     fitted, default = (
         f"{100 * float(row['position_test']):.1f} %"
         for row in (rows["stepped, fitted"], rows["stepped, default parameters"])
     )
-    return (
+    return Row(
         "And on real recordings? Mean position error of tossed cubes, of their width",
         fitted,
         f"default parameters: {default}",
@@ -162,7 +175,7 @@ def cube_tosses() -> tuple[str, ...]:
     )
 
 
-def initial_states() -> tuple[str, ...]:
+def initial_states() -> Row:
     rows = table_file("docs/results/learning_curve/summary.csv")
     by_kind = [
         [row for row in rows if row["first_states"] == kind] for kind in ("three_points", "flight")
@@ -174,7 +187,7 @@ def initial_states() -> tuple[str, ...]:
         for name in ("learned", "oracle", "default")
     )
     sets = sum(int(row["repetitions"]) for row in by_kind[0])
-    return (
+    return Row(
         "J over 5 s on throws not learned from; paper's set, initial states from three points as "
         "there, from all points before the first bounce",
         f"{learned} m",
@@ -184,7 +197,7 @@ def initial_states() -> tuple[str, ...]:
     )
 
 
-def thrown_balls() -> tuple[str, ...]:
+def thrown_balls() -> Row:
     rows = table_file("docs/results/rgbd/errors_by_size.csv")
     found = {row["ball"]: row for row in rows}
     millimetres = {
@@ -193,7 +206,7 @@ def thrown_balls() -> tuple[str, ...]:
         )
         for name in ("test", "default", "true_parameters")
     }
-    return (
+    return Row(
         "J of rendered throws through the whole pipeline, not learned from; balls of 3, 5, 7 cm",
         f"{millimetres['test']} mm",
         f"default {millimetres['default']} mm, true {millimetres['true_parameters']} mm",
@@ -202,14 +215,14 @@ def thrown_balls() -> tuple[str, ...]:
     )
 
 
-def update_rules() -> tuple[str, ...]:
+def update_rules() -> Row:
     rows = {
         row["method"]: row
         for row in table_file("docs/results/search_methods/final.csv")
         if (row["objects"], row["samples"]) == ("10", "50")
     }
     best = rows["cma_es"]
-    return (
+    return Row(
         f"J after 500 evaluations of CMA-ES, {best['parameters']} parameters",
         f"{float(best['J']):.3f} m",
         f"default {float(best['default']):.3f} m, true {float(best['oracle']):.3f} m",
@@ -218,7 +231,7 @@ def update_rules() -> tuple[str, ...]:
     )
 
 
-def excess() -> tuple[str, ...]:
+def excess() -> Row:
     by_set = learned_sets()
     shown, counts = [], []
     for rows in by_set.values():
@@ -231,7 +244,7 @@ def excess() -> tuple[str, ...]:
         sum(float(row[f"{name} / oracle's"]) <= 1.05 for row in everything)
         for name in ("test J", "defaults' J")
     )
-    return (
+    return Row(
         "part of the default's excess of J over the true parameters' that learning leaves, from "
         f"true initial states, throws not learned from; {', '.join(by_set)}: median (worst)",
         ", ".join(shown),
@@ -257,11 +270,11 @@ def _excess(row: dict[str, str]) -> float:
     return (learned - oracle) / (default - oracle)
 
 
-def perception() -> tuple[str, ...]:
+def perception() -> Row:
     rows = {row[""]: row for row in markdown_rows("benchmarks/results/perception.md", "Others")}
     ours, other = rows["ours"], rows["Open3D + pyRANSAC-3D"]
     position, took = "position up to 2 m", "ms a frame"
-    return (
+    return Row(
         "position of a ball in one depth frame up to 2 m, RMS; ms a frame",
         f"{ours[position]} mm; {float(ours[took]):.0f} ms",
         f"Open3D + pyRANSAC-3D {other[position]} mm; {float(other[took]):.0f} ms",
@@ -270,7 +283,7 @@ def perception() -> tuple[str, ...]:
     )
 
 
-def camera_predictions() -> tuple[str, ...]:
+def camera_predictions() -> Row:
     rows = markdown_rows("benchmarks/results/prediction_camera.md", "Thrown balls")
     begins = ("first flight", "after first bounce", "after second bounce")
     found = {
@@ -281,7 +294,7 @@ def camera_predictions() -> tuple[str, ...]:
         for way in ("error, mm", "known spin", "guess")
     }
     count = sum(int(row["predictions"]) for row in rows if row["begins"] in begins)
-    return (
+    return Row(
         "error of the predicted mean 1 s ahead, median, throws that a rendered camera sees, spins "
         "of 2/10/40 rad/s: in the first flight, after the first and the second bounce",
         ", ".join(found["error, mm"]) + " mm",
@@ -291,12 +304,12 @@ def camera_predictions() -> tuple[str, ...]:
     )
 
 
-def prediction_node() -> tuple[str, ...]:
+def prediction_node() -> Row:
     path = "benchmarks/results/prediction_node.md"
     rows = markdown_rows(path, "The node at 100 Hz")
     alone = {row["engine"]: row for row in markdown_rows(path, "The paper's way")}
     rates = [cell.partition("(")[2].removesuffix(" Hz)") for cell in alone["ODE"].values()]
-    return (
+    return Row(
         "distributions a second, 20 samples of 5 s; 1 sphere, 3 spheres, 3 mixed objects; 1 and 3 "
         "spheres whose states are estimated",
         ", ".join(row["Hz"] for row in rows),
@@ -306,10 +319,10 @@ def prediction_node() -> tuple[str, ...]:
     )
 
 
-def simulation() -> tuple[str, ...]:
+def simulation() -> Row:
     ours, sleeping = simulation_rows()
     scenes = ("1_sphere", "3_spheres", "1_box", "3_mixed")
-    return (
+    return Row(
         "speed over ODE (the paper's engine): 1 sphere, 3 spheres, 1 box, 3 mixed objects",
         ", ".join(ours[scene] for scene in scenes),
         "ODE with sleeping bodies " + ", ".join(sleeping[scene] for scene in scenes),

@@ -48,7 +48,6 @@ WIDTH = 0.1
 TABLE = Environment([Plane("table", "table", (0.0, 0.0, 1.0), 0.0)])
 CORNERS = 0.5 * WIDTH * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 vectors = st.tuples(*[st.floats(-8.0, 8.0)] * 3)
-small_vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
 
 
 def learning(iterations: int) -> LearningOptions:
@@ -137,7 +136,7 @@ def test_the_cube_turns_as_it_was_measured(toss_arrays):
 
 
 def still_tosses(*steps: int) -> list[CubeToss]:
-    """Cubes that hang still, seen so many times after the first row."""
+    """Cubes at rest in the air, each with its number of rows after the first one."""
     count = sum(steps) + len(steps)
     return cube_tosses(
         {

@@ -11,7 +11,6 @@ from intuitive_physics_learner.joint_estimation import (
     fit_horizons,
     normal_equations,
 )
-from intuitive_physics_learner.joint_estimation.joint_identifiability import ONE_SIDED_DEVIATIONS
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.normal_equations import NormalEquations, Posterior
 from intuitive_physics_learner.joint_estimation.observation_blocks import (
@@ -22,6 +21,7 @@ from intuitive_physics_learner.joint_estimation.trajectory_model import (
     LARGEST_MOVE_RISE,
     TrajectoryModel,
 )
+from intuitive_physics_learner.search.identifiability import ONE_SIDED_DEVIATIONS
 from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION
 
 PRIOR_DEVIATION = UNIFORM_PRECISION**-0.5

@@ -46,9 +46,18 @@ def create_publisher(node: Node, kind: type[Any], topic: str, profile: QoSProfil
 
 
 def create_subscription(
-    node: Node, kind: type[Any], topic: str, callback: Callable[[Any], None], profile: QoSProfile
+    node: Node,
+    kind: type[Any],
+    topic: str,
+    callback: Callable[[Any], None],
+    profile: QoSProfile,
+    *,
+    raw: bool = False,
 ) -> None:
-    """Subscribe to messages of a kind, with parameters that override the profile."""
+    """Subscribe to messages of a kind, with parameters that override the profile.
+
+    `raw`: whether the callback gets serialised messages.
+    """
     node.create_subscription(
-        kind, topic, callback, copy(profile), qos_overriding_options=QOS_OVERRIDES
+        kind, topic, callback, copy(profile), qos_overriding_options=QOS_OVERRIDES, raw=raw
     )

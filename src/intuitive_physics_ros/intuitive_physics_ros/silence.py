@@ -20,7 +20,7 @@ WARN_AGAIN = 60.0
 """s after which the same warning is logged again."""
 
 NEAREST = 5
-"""Topics that are named at most."""
+"""Largest number of topics that are named."""
 
 SAME_NAMESPACE = (
     "start what publishes it in the same namespace, as the launch argument namespace:= does, or "

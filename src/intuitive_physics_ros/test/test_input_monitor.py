@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from intuitive_physics_ros import monitors
 from intuitive_physics_ros.diagnostics import Level
 from intuitive_physics_ros.monitors import BURST, REPEAT_AFTER, InputMonitor
 
@@ -18,21 +17,6 @@ class Log:
 
     def get_logger(self) -> Log:
         return self
-
-
-class Clock:
-    def __init__(self) -> None:
-        self.now = 1000.0
-
-    def monotonic(self) -> float:
-        return self.now
-
-
-@pytest.fixture
-def clock(monkeypatch) -> Clock:
-    clock = Clock()
-    monkeypatch.setattr(monitors, "time", clock)
-    return clock
 
 
 @pytest.fixture

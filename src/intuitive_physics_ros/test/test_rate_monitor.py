@@ -1,20 +1,7 @@
 """What is said of work that is done at a rate."""
 
-from types import SimpleNamespace
-
-import pytest
-
-from intuitive_physics_ros import monitors
 from intuitive_physics_ros.diagnostics import Level
 from intuitive_physics_ros.monitors import RateMonitor
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    clock = SimpleNamespace(now=1000.0)
-    clock.monotonic = lambda: clock.now
-    monkeypatch.setattr(monitors, "time", clock)
-    return clock
 
 
 def work(monitor, clock, rate):

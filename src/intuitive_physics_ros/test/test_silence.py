@@ -10,7 +10,6 @@ import pytest
 from rclpy.node import NodeNameNonExistentError
 from sensor_msgs.msg import Image, PointCloud2
 
-from intuitive_physics_ros import monitors, silence
 from intuitive_physics_ros.diagnostics import Level
 from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.silence import (
@@ -71,15 +70,6 @@ class FakeNode:
 
     def get_clock(self):
         return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=self.time))
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    clock = SimpleNamespace(now=1000.0)
-    clock.monotonic = lambda: clock.now
-    for module in (monitors, silence):
-        monkeypatch.setattr(module, "time", clock)
-    return clock
 
 
 @pytest.fixture

@@ -168,16 +168,14 @@ def clean_part(observation: Observation, until: float) -> Observation:
 
     `until` in s, on the clock of its trajectories.
     """
-    objects = tuple(
-        _cut(each, until, observation.start_time, LEAST_POINTS) for each in observation.objects
-    )
+    objects = tuple(_cut(each, until, observation.start_time) for each in observation.objects)
     return replace(observation, objects=objects)
 
 
-def _cut(observed: ObservedObject, until: float, start: float, least: int) -> ObservedObject:
+def _cut(observed: ObservedObject, until: float, start: float) -> ObservedObject:
     def count(times: NDArray[np.float64]) -> int:
         inside, before = np.searchsorted(times, [until, start], side="right").tolist()
-        return max(inside, min(before + least, times.size))
+        return max(inside, min(before + LEAST_POINTS, times.size))
 
     track, detections = observed.trajectory, observed.detections
     kept = count(track.times)

@@ -19,7 +19,7 @@ FLIGHT_POINTS = (7, 12, 24)
 """Numbers of neighbouring points to which a free flight is fitted."""
 
 CLEARANCE = 0.02
-"""Gap that a free flight keeps to what it may touch, set by hand, m."""
+"""Smallest gap between an object in free flight and all that it may touch, set by hand, m."""
 
 CLEAR_NOISES = 2.0
 """Gap that a free flight keeps beyond `CLEARANCE`, in standard deviations of the noise."""

@@ -30,7 +30,7 @@ FIRST_POINTS = 10
 """Points of each object that the first fit horizon includes at most; set by hand."""
 
 FIRST_DURATION = 0.5
-"""The first fit horizon at most, s; set by hand."""
+"""Largest first fit horizon, s; set by hand."""
 
 LARGEST_SPREAD = 0.15
 """Standard deviation of a predicted position up to which it may enter the fit, m; set by hand."""

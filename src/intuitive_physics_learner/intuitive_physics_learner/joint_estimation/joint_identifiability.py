@@ -29,15 +29,15 @@ from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRE
 from intuitive_physics.parameter_space import parameter_vector
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
-from intuitive_physics_learner.search.identifiability import Identifiability, widened_information
+from intuitive_physics_learner.search.identifiability import (
+    ONE_SIDED_DEVIATIONS,
+    Identifiability,
+    widened_information,
+)
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.one_sided_intervals import UNIFORM
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
 from intuitive_physics_learner.search.search_space import ActiveSpace
-
-ONE_SIDED_DEVIATIONS = 2.0
-"""Distance, in those of a uniform distribution with the parameter's standard deviation, beyond
-which a plausible move gives a one-sided interval; as that of J."""
 
 FEWEST_OBSERVATIONS = 4
 """Observations from which on fits to two halves are compared: two in each half."""

@@ -26,11 +26,11 @@ DIFFERENCE_STEP = 0.5
 of the region where the truth is likely to be; set by hand."""
 
 SMALLEST_DIFFERENCE = 1e-6
-"""Step of a finite difference at least, in the unit of what is moved (width, m, m/s, rad or rad/s);
+"""Smallest step of a finite difference, in the unit of its argument (width, m, m/s, rad or rad/s);
 set by hand."""
 
 LARGEST_DIFFERENCE = 0.05
-"""Step of a finite difference at most, in the unit of what is moved (width, m, m/s, rad or rad/s);
+"""Largest step of a finite difference, in the unit of its argument (width, m, m/s, rad or rad/s);
 set by hand."""
 
 

@@ -30,10 +30,7 @@ from numpy.typing import NDArray
 from intuitive_physics.observation import Detections, Observation, ObservedObject
 from intuitive_physics.state import POSITION
 from intuitive_physics.trajectory import Trajectory
-
-SMALLEST_NOISE = 1e-4
-"""Noise of an observed position at least, m: no camera measures better, and what is divided by it
-stays well conditioned."""
+from intuitive_physics_learner.search.identifiability import SMALLEST_NOISE
 
 POOLED_DIFFERENCES = 20.0
 """Differences as which the noise of all tracks counts beside a track's own: the median of as many

@@ -40,6 +40,7 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
 )
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, FitTask
+from intuitive_physics_learner.search.one_sided_intervals import MOVE_GROWTH
 
 CURVATURE_WIDENING = 3.0
 """Factor on the steps of the finite differences from which the posterior is computed; set by
@@ -48,9 +49,6 @@ hand."""
 MOVE_ROUNDS = 8
 """Rounds of moving a parameter outwards from the estimate, and of bisecting the end; set by
 hand."""
-
-MOVE_GROWTH = 3.0
-"""Factor on the distance from one round outwards to the next; set by hand."""
 
 LARGEST_MOVE_RISE = 4.5
 """Rise of the loss up to which a move is plausible, that of three standard deviations: a fit may

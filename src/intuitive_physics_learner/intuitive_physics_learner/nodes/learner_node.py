@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
-from copy import copy
 from functools import partial
 from pathlib import Path
 
@@ -55,7 +54,7 @@ from intuitive_physics_ros.lifecycle.kernel_loading import COMPILING as COMPILIN
 from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
 from intuitive_physics_ros.lifecycle.run_node import farewell, run_node
 from intuitive_physics_ros.parameters import use_limits_of
-from intuitive_physics_ros.qos import LATCHED, QOS_OVERRIDES
+from intuitive_physics_ros.qos import LATCHED, create_publisher
 from intuitive_physics_ros.result_codes import error_result, ok_result
 from intuitive_physics_ros.topics import STATIC_PARAMETERS
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
@@ -97,11 +96,8 @@ class LearnerNode(ManagedNode):
 
     def activate(self) -> None:
         """Hear observations, learn from them and publish what was learned."""
-        self._publisher = self.create_publisher(
-            StaticParametersMessage,
-            STATIC_PARAMETERS,
-            copy(LATCHED),
-            qos_overriding_options=QOS_OVERRIDES,
+        self._publisher = create_publisher(
+            self, StaticParametersMessage, STATIC_PARAMETERS, LATCHED
         )
         self._database = Background(self, "database")
         self._newer = self.create_guard_condition(self._publish)

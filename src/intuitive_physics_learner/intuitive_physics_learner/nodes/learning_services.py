@@ -61,7 +61,7 @@ of linear algebra of many parameters, or of another machine, can take longer, an
 of a package that the method needs."""
 
 NEXT_PATIENCE = 5.0
-"""s that a request waits for the end of a search that was cancelled, at most."""
+"""Longest time, s, that a request waits for the end of a search that was cancelled."""
 
 MakeWork = Callable[[LearningOptions], Work]
 """Makes what a job runs from the options of a request."""
@@ -146,7 +146,11 @@ class RequestedSearches:
         return CancelResponse.ACCEPT
 
     async def _start(self, options: LearningOptions) -> LearningJob:
-        await self._end_of_cancelled()
+        if (before := self.running) is not None and before.cancelled:
+            deadline = time.monotonic() + NEXT_PATIENCE
+            timer = _timer(NEXT_PATIENCE, self._changed.set)
+            await self._end_of(before, deadline)
+            timer.cancel()
         if self._stopped:
             raise RefusedError(ResultCode.CANCELLED, "the node ends")
         if (other := self.running) is not None:
@@ -159,15 +163,12 @@ class RequestedSearches:
         self._job = LearningJob(self._noted(self._make_work(options)), self._changed.set)
         return self._job
 
-    async def _end_of_cancelled(self) -> None:
-        """Wait for the end of a search that was cancelled: its caller has its answer already."""
-        deadline = time.monotonic() + NEXT_PATIENCE
-        timer = _timer(NEXT_PATIENCE, self._changed.set)
-        while (job := self.running) is not None and job.cancelled and time.monotonic() < deadline:
+    async def _end_of(self, job: LearningJob, deadline: float = math.inf) -> None:
+        """Wait for the end of a job, or for the first signal after a deadline (monotonic)."""
+        while not job.done and time.monotonic() < deadline:
             change = self._changed.next()
             if not job.done:
                 await change
-        timer.cancel()
 
     def _noted(self, work: Work) -> Work:
         """Return the same work, which says in the log that it compiles kernels when it does."""
@@ -222,10 +223,7 @@ class RequestedSearches:
             await change
 
     async def _ended_late(self, job: LearningJob) -> None:
-        while not job.done:
-            change = self._changed.next()
-            if not job.done:
-                await change
+        await self._end_of(job)
         self._on_end(job.learned())
 
     def _deadline(self, job: LearningJob) -> threading.Timer:

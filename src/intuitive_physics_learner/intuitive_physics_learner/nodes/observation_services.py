@@ -8,7 +8,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from copy import copy
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -38,7 +37,7 @@ from intuitive_physics_ros.conversions import observation_from_message, stamp_fr
 from intuitive_physics_ros.diagnostics import Level, Status
 from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.qos import OBSERVATIONS as OBSERVATIONS_QOS
-from intuitive_physics_ros.qos import QOS_OVERRIDES
+from intuitive_physics_ros.qos import create_subscription
 from intuitive_physics_ros.result_codes import error_result, ok_result
 from intuitive_physics_ros.silence import SAME_NAMESPACE, Silence
 from intuitive_physics_ros.topics import OBSERVATIONS
@@ -196,12 +195,8 @@ class ObservationServices:
         self._counted_at = time.monotonic()
         self._room: Room | None = None
         self._warned_of_room = False
-        node.create_subscription(
-            ObservationMessage,
-            OBSERVATIONS,
-            self._on_observation,
-            copy(OBSERVATIONS_QOS),
-            qos_overriding_options=QOS_OVERRIDES,
+        create_subscription(
+            node, ObservationMessage, OBSERVATIONS, self._on_observation, OBSERVATIONS_QOS
         )
         # One comes for each motion: it is no complaint that none has come from who is there.
         topics = {OBSERVATIONS: ObservationMessage}

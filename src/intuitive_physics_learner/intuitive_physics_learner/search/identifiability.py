@@ -59,12 +59,12 @@ RESPONSE_THRESHOLD = 2.0
 """Standard errors of J by which it must rise to respond to a parameter."""
 
 SMALLEST_NOISE = 1e-4
-"""Noise of the residuals at least, m: no camera measures better, and the information matrix stays
-well conditioned."""
+"""Smallest noise of an observed position or of a residual, m: no camera measures better, and what
+is divided by it stays well conditioned."""
 
 ONE_SIDED_DEVIATIONS = 2.0
 """Distance, in those of a uniform distribution with the parameter's standard deviation, beyond
-which an acceptable move gives a one-sided interval; set by hand."""
+which an acceptable or plausible move gives a one-sided interval; set by hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +151,7 @@ def identify(
     axes = ParameterAxes(space, parameters)
     influence = parameter_influence(cost.observations, cost.materials)
     residuals = cost.residuals([parameters])[0]
-    noise = _Noise(residuals, cost.point_trajectory, SMALLEST_NOISE)
+    noise = _Noise(residuals, cost.point_trajectory)
     asked = np.arange(axes.size) if active is None else np.flatnonzero(active)
     levels = SCAN_LEVELS
     changes = np.zeros((axes.size, len(levels)))
@@ -180,7 +180,7 @@ def identify(
         np.abs(changes).max(axis=1) > SMALLEST_RESPONSE,
         identified,
         deviations * axes.slopes,
-        _one_sided_intervals(axes, moved, deviations, ONE_SIDED_DEVIATIONS * UNIFORM),
+        _one_sided_intervals(axes, moved, deviations),
         _on_cube(along_axes, axes, space, parameters),
     )
 
@@ -200,11 +200,11 @@ def _on_cube(
 
 
 def _one_sided_intervals(
-    axes: ParameterAxes, moved: NDArray[np.float64], deviations: NDArray[np.float64], least: float
+    axes: ParameterAxes, moved: NDArray[np.float64], deviations: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Intervals (|θ_s|, 2) in SI units; NaN where no move exceeds `least` standard deviations."""
+    """Intervals (|θ_s|, 2) in SI units; NaN where no move is far enough."""
     intervals = np.full((axes.size, 2), np.nan)
-    for axis in np.flatnonzero(moved.max(axis=1) > least * deviations):
+    for axis in np.flatnonzero(moved.max(axis=1) > ONE_SIDED_DEVIATIONS * UNIFORM * deviations):
         distances = np.maximum(moved[axis], UNIFORM * deviations[axis])
         low, high = np.clip(axes.origin[axis] + distances * (-1.0, 1.0), 0.0, 1.0)
         intervals[axis] = axes.value(int(axis), low), axes.value(int(axis), high)
@@ -214,10 +214,7 @@ def _one_sided_intervals(
 class _Noise:
     """The noise that the residuals at the optimum, (n_points, 3) m, imply."""
 
-    def __init__(
-        self, residuals: NDArray[np.float64], point_trajectory: NDArray[np.int64], smallest: float
-    ) -> None:
-        self._smallest = smallest
+    def __init__(self, residuals: NDArray[np.float64], point_trajectory: NDArray[np.int64]) -> None:
         good = np.isfinite(residuals).all(axis=1)
         starts = np.flatnonzero(np.diff(point_trajectory[good])) + 1
         self._parts = [part for part in np.split(residuals[good], starts) if len(part)]
@@ -239,7 +236,7 @@ class _Noise:
         squares = sum(float(np.square(part).sum()) for part in self._parts)
         independent = 3 * self._count / self._autocorrelation_time
         variance = squares / (3 * self._count) * independent / max(independent - fitted, 1.0)
-        return max(variance, self._smallest**2) * self._autocorrelation_time
+        return max(variance, SMALLEST_NOISE**2) * self._autocorrelation_time
 
 
 def _autocorrelation_time(parts: list[NDArray[np.float64]]) -> float:

@@ -31,7 +31,7 @@ MOVE_ROUNDS = 5
 """Rounds of moving a parameter outwards from the optimum; set by hand."""
 
 MOVE_GROWTH = 3.0
-"""Factor on the distance from one round to the next; set by hand."""
+"""Factor on the distance from one round outwards to the next; set by hand."""
 
 
 SMALLEST_RESPONSE = 1e-9

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from copy import copy
 
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import ObjectStates
@@ -27,7 +26,7 @@ from intuitive_physics_ros.conversions import (
 )
 from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
 from intuitive_physics_ros.monitors import InputMonitor
-from intuitive_physics_ros.qos import LATCHED, QOS_OVERRIDES, SENSOR_DATA
+from intuitive_physics_ros.qos import LATCHED, SENSOR_DATA, create_subscription
 from intuitive_physics_ros.silence import SAME_NAMESPACE, WARN_AGAIN, Silence
 from intuitive_physics_ros.topics import ENVIRONMENT, OBJECT_STATES, STATIC_PARAMETERS
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
@@ -62,9 +61,7 @@ class PredictionInputs:
         ):
             monitor = InputMonitor(node, name, STATES_TIMEOUT if name == OBJECT_STATES else None)
             self._monitors[name] = monitor
-            node.create_subscription(
-                kind, name, callback, copy(qos), qos_overriding_options=QOS_OVERRIDES, raw=True
-            )
+            create_subscription(node, kind, name, callback, qos, raw=True)
             if name != STATIC_PARAMETERS:
                 # A learner is not needed; perception that runs reports itself what it waits for.
                 monitor.expect(Silence(node, {name: kind}, SAME_NAMESPACE, patience=WARN_AGAIN))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from copy import copy
 
 from intuitive_physics_msgs.msg import ObjectStates
 from intuitive_physics_msgs.msg import TrajectoryDistribution as DistributionMessage
@@ -15,7 +14,7 @@ from intuitive_physics_predictor.live.predictor import Snapshot
 from intuitive_physics_predictor.nodes.distribution_messages import DistributionWriter, header_of
 from intuitive_physics_ros.conversions import object_states_to_message, stamp_from_seconds
 from intuitive_physics_ros.markers import distribution_markers
-from intuitive_physics_ros.qos import QOS_OVERRIDES, STREAM
+from intuitive_physics_ros.qos import STREAM, create_publisher
 from intuitive_physics_ros.topics import PREDICTIONS
 
 
@@ -31,12 +30,8 @@ class PredictionOutputs:
     def __init__(self, node: Node, published_samples: int) -> None:
         self.published_samples = published_samples
         self._writer = DistributionWriter()
-        self._predictions = node.create_publisher(
-            DistributionMessage, PREDICTIONS, copy(STREAM), qos_overriding_options=QOS_OVERRIDES
-        )
-        self._estimated_states = node.create_publisher(
-            ObjectStates, "~/estimated_states", copy(STREAM), qos_overriding_options=QOS_OVERRIDES
-        )
+        self._predictions = create_publisher(node, DistributionMessage, PREDICTIONS, STREAM)
+        self._estimated_states = create_publisher(node, ObjectStates, "~/estimated_states", STREAM)
         self._markers = node.create_publisher(MarkerArray, "~/markers", 1)
 
     def publish_prediction(self, made: LivePrediction, due: float) -> None:
@@ -64,7 +59,7 @@ class PredictionOutputs:
         )
 
     def publish_markers(self, made: LivePrediction | None) -> None:
-        """Publish markers of a prediction, if there is one and somebody looks at them."""
+        """Publish markers of a prediction, if there is one and they have a subscriber."""
         if made is None or self._markers.get_subscription_count() == 0:
             return
         distribution = made.distribution

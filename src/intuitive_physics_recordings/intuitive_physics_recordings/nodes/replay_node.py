@@ -25,7 +25,7 @@ from intuitive_physics_recordings.replay import Replay, ReplaySettings
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
 from intuitive_physics_ros.lifecycle.run_node import farewell, run_node
 from intuitive_physics_ros.parameters import Parameter, declare_parameters
-from intuitive_physics_ros.qos import QOS_OVERRIDES
+from intuitive_physics_ros.qos import create_publisher
 from intuitive_physics_ros.topics import (
     ENVIRONMENT,
     OBJECT_STATES,
@@ -174,12 +174,7 @@ class ReplayNode(Node):
                     f"{topic.name} is skipped: its type {topic.type} is not installed"
                 )
                 continue
-            publishers[topic.name] = self.create_publisher(
-                message_class,
-                played,
-                _qos(topic),
-                qos_overriding_options=QOS_OVERRIDES,
-            )
+            publishers[topic.name] = create_publisher(self, message_class, played, _qos(topic))
         if not publishers:
             raise InvalidInputError(
                 f"bag {self._bag.path} has no topic that can be played; "

@@ -107,7 +107,7 @@ def published_after_each(observations: Iterable[Observation]) -> Iterator[Learne
 
 
 def compare(seed: int, count: int | None) -> Comparison:
-    """Learn on-line and at once from so many observations of one set; None: the training split."""
+    """Learn on-line and in one fit from the first `count` observations; None: from all."""
     task = make_task(1, seed)
     observations = task.dataset.training_observations[:count]
     *_, published = published_after_each(observations)

@@ -31,7 +31,7 @@ FAILED_DISTANCE = 1000.0
 """Distance in m of each object of a world that did not simulate to its end; none counts more."""
 
 LARGEST_CHUNK = 4_000_000
-"""Coordinates simulated in one call at most, to bound the memory: 32 MB of positions."""
+"""Largest number of coordinates simulated in one call, to bound the memory: 32 MB of positions."""
 
 LARGEST_SHARE = 500
 """Trials between two checks for cancellation: a part of a second."""

@@ -74,14 +74,14 @@ FEWEST_CHANGED = 4
 """Observations that must agree on a change: fewer may be disturbed alike by chance."""
 
 LARGEST_DOUBTFUL_COUNT = 16
-"""Doubtful observations that are kept for another look at most."""
+"""Largest number of doubtful observations that are kept to be fitted again."""
 
 
 WEIGHING_ROUNDS = 2
 """Rounds of computing weights: after two they hardly change."""
 
 LARGEST_CHANGE_COUNT = 10
-"""Changes that are remembered at most."""
+"""Largest number of changes that are kept."""
 
 FEW = 2.0
 """Observations that could not be explained, imagined before the first: one success is no rule."""

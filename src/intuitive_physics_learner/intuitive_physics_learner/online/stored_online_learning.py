@@ -14,12 +14,12 @@ from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.store import ObservationStore, OnlineRecord
 
 BATCH = 8
-"""Observations that wait are learned from together, at most so many: then the joint steps are
-shared; set by hand."""
+"""Largest number of waiting observations that are learned from together, so that they share the
+joint steps; set by hand."""
 
 MOST_SPARED = 32.0
-"""Observations whose CPU time is saved up at most, for fits of the window from its beginning: a fit
-of 24 throws takes some 10 s, where a usual observation takes 0.3 s."""
+"""Largest number of observations whose CPU time is saved up, for fits of the window from its
+beginning: a fit of 24 throws takes some 10 s, where a usual observation takes 0.3 s."""
 
 
 class StoredOnlineLearning:

@@ -20,7 +20,7 @@ GRID_CELLS = 32
 """Cells along each edge of the image of a sphere."""
 
 MIN_READINGS = 90
-"""Readings with a colour that an image of a sphere needs at least."""
+"""Smallest number of readings with a colour in an image of a sphere."""
 
 ON_SURFACE = 1.15
 """Radii from a sphere's centre beyond which a reading shows something else."""

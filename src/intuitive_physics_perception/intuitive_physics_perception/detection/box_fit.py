@@ -30,13 +30,13 @@ SURFACE_DEVIATION = 0.001
 """Unevenness of a surface, as a standard deviation; it biases the centre in every frame, m."""
 
 FACE_ANGLE = 82.0
-"""Angle between the normals of two faces at least, degrees."""
+"""Smallest angle between the normals of two faces, degrees."""
 
 FACE_READINGS = 25
-"""Readings on a face at least."""
+"""Smallest number of readings on a face."""
 
 FACE_PART = 0.08
-"""Part of the readings on a face at least."""
+"""Smallest part of the readings on a face."""
 
 FACE_REFINEMENTS = 3
 """Rounds of assigning readings to faces and fitting."""
@@ -51,7 +51,7 @@ STANDING_GAP = 0.04
 """Gap to a plane up to which a box stands on it, m."""
 
 STANDING_ANGLE = 6.0
-"""Angle between a box's axis and the plane's normal at most, degrees."""
+"""Largest angle between a box's axis and the plane's normal, degrees."""
 
 
 def fit_box(

@@ -20,10 +20,10 @@ CAPSULE_INLIERS = 0.93
 """Part of the readings that must lie on a capsule."""
 
 CAPSULE_LENGTH = 0.4
-"""Length of a capsule's cylinder at least, in radii."""
+"""Smallest length of a capsule's cylinder, in radii."""
 
 CAP_READINGS = 5
-"""Readings on each cap of a capsule at least."""
+"""Smallest number of readings on each cap of a capsule."""
 
 CAPSULE_END_UNCERTAINTY = 0.1
 """Standard deviation of a capsule's end at most, in half its overall length: an end that is hidden

@@ -34,7 +34,7 @@ REFINED_HYPOTHESES = 8
 the best scores."""
 
 SPHERES_IN_CLUSTER = 5
-"""Spheres in one cluster at most."""
+"""Largest number of spheres in one cluster."""
 
 ROUGHLY_ON = 0.6
 """Part of the readings in its outline that must lie on a hypothesis for it to be fitted."""

@@ -53,10 +53,10 @@ REST_TIME = 0.5
 """Time that the sensor must have rested, s."""
 
 AVERAGED_SAMPLES = 1000
-"""Samples that are averaged at most."""
+"""Largest number of samples that are averaged."""
 
 MIN_SAMPLES = 10
-"""Samples that the average needs at least."""
+"""Smallest number of samples that are averaged."""
 
 MAX_ANGULAR_VELOCITY = 0.05
 """Angular velocity of a sensor at rest at most, rad/s: the bias of a cheap gyroscope is below

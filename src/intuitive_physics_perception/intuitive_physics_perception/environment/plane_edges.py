@@ -37,7 +37,7 @@ SLOT_WIDTH = 2.0
 """Width of the slots across a side of the hull in which ends are looked for, in spacings."""
 
 MAX_SLOTS = 40
-"""Slots along one side of a hull at most."""
+"""Largest number of slots along one side of a hull."""
 
 SEEN_FRACTION = 0.6
 """Part of the slots of a side in which the end must be seen."""

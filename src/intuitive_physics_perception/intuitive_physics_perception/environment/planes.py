@@ -44,13 +44,13 @@ BULGE_EXPLAINED = 0.2
 something round."""
 
 BULGE_RADII = 5.0
-"""Radius of curvature of such a cap at most, in largest sphere radii."""
+"""Largest radius of curvature of such a cap, in largest sphere radii."""
 
 SMALL_PART = 0.02
 """Part of all points below which a plane must be wide to be one."""
 
 SMALL_WIDTH = 3.0
-"""Width of such a plane at least, in largest sphere radii."""
+"""Smallest width of such a plane, in largest sphere radii."""
 
 BEHIND = 2.0
 """Scaled distance behind a plane that is neither noise nor unevenness."""

@@ -21,33 +21,33 @@ from intuitive_physics_perception.environment.range_cloud import convex_hull
 from intuitive_physics_perception.settings import PerceptionSettings
 
 MIN_SIZE = 0.04
-"""Longest edge of a box at least, m: what is smaller is what noise left of an edge."""
+"""Smallest length of the longest edge of a box, m: anything smaller is noise at an edge."""
 
 MIN_THICKNESS = 0.02
-"""Thickness of a box at least, m: what is seen of a thinner one is its face. Two edges below that
-are an edge of something or noise, and no box."""
+"""Smallest thickness of a box, m: only the face of a thinner one is visible. With two shorter edges
+it is an edge of something or noise, and no box."""
 
 RAYS_THROUGH = 30
-"""Rays under something by which one sees that it does not stand there."""
+"""Number of rays that pass under an object from which on it does not stand there."""
 
 OUTSIDE_FRACTION = 0.01
 """Part of the points that may lie outside at each face, as flying pixels do."""
 
 STANDING_GAP = 0.1
-"""Distance between a floor and the lowest reading of what is taken to stand on it, m."""
+"""Largest distance between a floor and the lowest reading of an object that stands on it, m."""
 
 LEVEL_ANGLE = 10.0
-"""Tilt of a plane at most on which boxes stand, degrees."""
+"""Largest tilt of a plane on which boxes stand, degrees."""
 
 FILLED_DIAGONAL = 0.4
-"""Part of a box's diagonal that a cluster must extend over to be the box: what is smaller may be an
-object before or within a rough box."""
+"""Part of a box's diagonal that a cluster must extend over to be the box: a smaller cluster may be
+an object before or within a rough box."""
 
 STRAY_FRACTION = 0.005
 """Part of the readings on a box that noise puts outside of it."""
 
 CHECKED_POINTS = 1500
-"""Readings of a cluster that are checked at most."""
+"""Largest number of readings of a cluster that are checked."""
 
 SAME_PART = 0.2
 """Part of its diagonal by which a box that is seen again may differ in place and edges."""

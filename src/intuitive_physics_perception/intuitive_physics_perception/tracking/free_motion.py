@@ -28,7 +28,7 @@ from intuitive_physics_perception.tracking.motion_fits import (
 from intuitive_physics_perception.tracking.supports import supported_acceleration, surfaces_of
 
 MAX_DURATION = 0.4
-"""Duration of a stretch at most, s."""
+"""Longest duration of a stretch, s."""
 
 SURE_EVIDENCE = 7.0
 """Logarithm of how much likelier points must be in free motion than in a hand: 1,000 times. A swing

@@ -22,7 +22,7 @@ FRAME_TIME = 1.0 / 30.0
 at another frame rate it holds for as much time."""
 
 MAX_BOUNCES = 4
-"""Bounces within one step at most."""
+"""Largest number of bounces within one step."""
 
 SUPPORT_DISTANCE = 0.006
 """Gap up to which a plane supports an object, m."""

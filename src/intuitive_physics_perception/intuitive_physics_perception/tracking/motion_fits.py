@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MIN_POINTS = 3
-"""Points of a stretch at least."""
+"""Smallest number of points of a stretch."""
 
 CONTACT_GATE = 16.0
 """Squared distance, in variances, from which on the next point shows a contact."""

@@ -31,7 +31,7 @@ WIDENING = 1.1
 thin would give single samples large weights."""
 
 LEAST_SHARE = 0.05
-"""Share of the samples that each mode has at least."""
+"""Smallest share of the samples that a mode has."""
 
 
 LEAST_EFFECTIVE = 0.15

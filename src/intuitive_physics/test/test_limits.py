@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from intuitive_physics.errors import UnsupportedSceneError
-from intuitive_physics.scene import Plane
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.simulation import WorldStatus
 from intuitive_physics.simulation.event_driven.world import MOST_TOUCHED
 from intuitive_physics.simulation.rigid_bodies.world import CONTACTS_A_BODY, MOST_PLANES
-from intuitive_physics.simulation.stepped.impact_times import SAMPLES
+from intuitive_physics.state import ObjectState
 
 from .laws_scenes import EVENT_DRIVEN, FLOOR, STEPPED, Body, coefficients, make_scene
 
@@ -63,13 +64,41 @@ def test_a_bounded_plane_too_many_is_refused():
     assert outcome(EVENT_DRIVEN, make_scene(sphere, planes=planes)).status[0] == WorldStatus.OK
 
 
-@pytest.mark.parametrize(("share", "status"), [(0.9, "OK"), (1.1, "TOO_FAST")])
-def test_a_body_too_fast_to_be_followed_stops_its_world(share, status):
-    # A sample for each half radius of a step's way: v Δt = SAMPLES r / 2.
-    radius = 0.01
-    speed = share * SAMPLES * 0.5 * radius / STEPPED.step
-    body = Body(Sphere(radius), (0, 0, 1.0), velocity=(0, 0, -speed))
-    assert outcome(STEPPED, make_scene(body, planes=[sheet(0)])).status[0] == WorldStatus[status]
+@pytest.mark.parametrize(("spin", "status"), [(100.0, "OK"), (2e5, "TOO_FAST")])
+def test_a_body_too_fast_to_be_followed_stops_its_world(spin, status):
+    # A rod that spins close over the floor, about an axis along it: its corners bend by ω² r, so
+    # that the time of an advance is √(2 gap / ω² r) at most, some 10 µs / ω of a step of 10 ms.
+    rod = Body(Box((0.3, 0.01, 0.01)), (0, 0, 0.0075), spin=(spin, 0, 0))
+    scene = make_scene(rod, gravity=(0, 0, 0))
+    assert outcome(STEPPED, scene).status[0] == WorldStatus[status]
+
+
+def test_too_many_impacts_in_a_step_stop_a_world():
+    # A ball between two walls that leave it 2 mm, at 100 m/s: an impact each 20 µs, 500 a step.
+    walls = [(1, 0, 0, -RADIUS), (-1, 0, 0, -RADIUS - 2e-3)]
+    for speed, status in ((100.0, WorldStatus.TOO_MANY_EVENTS), (1.0, WorldStatus.OK)):
+        ball = Body(Sphere(RADIUS), (1e-3, 0, 0), velocity=(speed, 0, 0))
+        scene = make_scene(ball, planes=walls, gravity=(0, 0, 0))
+        rollout = STEPPED.simulator.rollout([scene], coefficients(0.0, e=1.0), TIMES)
+        assert rollout.status[0] == status
+
+
+@pytest.mark.parametrize(("count", "status"), [(4, "OK"), (36, "NOT_CONVERGED")])
+def test_a_tower_beyond_the_direct_solver_says_that_it_found_no_forces(count, status):
+    # Each cube a thousand times heavier than the one below, in turns. Four contacts each: more than
+    # 128 in all are not solved directly, and sweeps take tens of thousands of rounds.
+    edge = 0.1
+    materials = ["light", "heavy"]
+    cubes = [SceneObject(f"cube_{k}", materials[k % 2], Box((edge,) * 3)) for k in range(count)]
+    states = [ObjectState((0, 0, edge * (k + 0.5))) for k in range(count)]
+    environment = Environment([Plane("floor", "ground", (0, 0, 1), 0.0)])
+    table = np.stack([np.full((3, 3), value) for value in (0.5, 0.4, 0.0, 0.0)])
+    theta = StaticParameters([*materials, "ground"], np.array([1.0, 1e3, 1e3]), table)
+    scene = Scene(environment, tuple(cubes), tuple(states))
+    rollout = STEPPED.simulator.rollout([scene], theta, TIMES)
+    assert rollout.status[0] == WorldStatus[status]
+    if status == "OK":
+        np.testing.assert_allclose(rollout.positions[0, -1, -1], states[-1].position, atol=1e-3)
 
 
 def test_a_table_may_have_many_corners():

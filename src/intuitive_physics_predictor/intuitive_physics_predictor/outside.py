@@ -45,10 +45,11 @@ from intuitive_physics.geometry.vectors import (
 )
 from intuitive_physics.kernels import entry, kernel
 from intuitive_physics.simulation.noisy_impacts import FIRST_MIX, GOLDEN, SECOND_MIX
-from intuitive_physics.simulation.rigid_bodies.manifolds import GAP_ONLY
-from intuitive_physics.simulation.rigid_bodies.overlaps import gap_to_plane, is_on_sheet
+from intuitive_physics.simulation.rigid_bodies.contact_points import GAP_ONLY
+from intuitive_physics.simulation.rigid_bodies.overlaps import is_on_sheet
 from intuitive_physics.simulation.rigid_bodies.pairs import meet
 from intuitive_physics.simulation.rigid_bodies.placing import place_environment, place_shape
+from intuitive_physics.simulation.rigid_bodies.planes import separation_from_plane
 from intuitive_physics.simulation.rigid_bodies.poses import set_rotation, support
 from intuitive_physics.simulation.rigid_bodies.world import (
     Scratch,
@@ -345,7 +346,7 @@ def _gap_to_side(world: Any, i: Any, p: Any, mean: Any) -> Any:
         height = dot(n, load(body.position)) - plane.offset
         if height <= 0.0:
             return height - support(body, n) if is_on_sheet(body, plane) else inf
-    return gap_to_plane(world, i, p, 0.0)
+    return separation_from_plane(world, i, p)[0]
 
 
 @kernel

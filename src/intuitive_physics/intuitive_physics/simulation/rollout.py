@@ -15,12 +15,15 @@ class WorldStatus(IntEnum):
 
     - OK: it was simulated to the end.
     - NOT_FINITE: a position or velocity has become infinite or NaN.
-    - TOO_MANY_EVENTS: event_driven has met more events than `max_events`.
+    - TOO_MANY_EVENTS: event_driven has met more events than `max_events`, or something has hit
+      something more than 64 times for each body in one step of stepped.
     - TOO_MANY_CONTACTS: an object touches more at once than an engine has room for: 12 planes and
       boxes in event_driven; in stepped 48 contact points for each object, in all.
-    - TOO_FAST: stepped would need more than 512 samples of a pair's gap in a step to be sure that
-      the two do not pass through each other.
+    - TOO_FAST: stepped would need more than 4096 advances of a pair in a step to be sure that the
+      two do not pass through each other.
     - STOPPED: the simulation was ended by its flag.
+    - NOT_CONVERGED: stepped has not found forces or impulses that obey the laws at all contacts of
+      bodies that touch one another.
     """
 
     OK = 0
@@ -29,9 +32,12 @@ class WorldStatus(IntEnum):
     TOO_MANY_CONTACTS = 3
     TOO_FAST = 4
     STOPPED = 5
+    NOT_CONVERGED = 6
 
 
-OK, NOT_FINITE, TOO_MANY_EVENTS, TOO_MANY_CONTACTS, TOO_FAST, STOPPED = map(int, WorldStatus)
+OK, NOT_FINITE, TOO_MANY_EVENTS, TOO_MANY_CONTACTS, TOO_FAST, STOPPED, NOT_CONVERGED = map(
+    int, WorldStatus
+)
 """Each `WorldStatus` as kernels write it."""
 
 

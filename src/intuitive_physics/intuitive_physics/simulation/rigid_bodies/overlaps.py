@@ -14,17 +14,16 @@ from intuitive_physics.geometry.vectors import dot, load, sub
 from intuitive_physics.kernels import entry, kernel
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Scene
-from intuitive_physics.simulation.rigid_bodies.manifolds import GAP_ONLY, meet_plane_within
+from intuitive_physics.simulation.rigid_bodies.contact_points import GAP_ONLY
 from intuitive_physics.simulation.rigid_bodies.pairs import meet
 from intuitive_physics.simulation.rigid_bodies.placing import place_environment, place_shape
-from intuitive_physics.simulation.rigid_bodies.poses import segment_end
+from intuitive_physics.simulation.rigid_bodies.planes import separation_from_plane
 from intuitive_physics.simulation.rigid_bodies.world import (
     Scratch,
     body_at,
-    plane_at,
     scratch_sizes,
 )
-from intuitive_physics.simulation.world_batch import CAPSULE, WorldArrays, WorldBatch, pack_worlds
+from intuitive_physics.simulation.world_batch import WorldArrays, WorldBatch, pack_worlds
 
 OVERLAP = np.dtype(
     [
@@ -67,7 +66,7 @@ def _write_first_overlap(world, i, share, overlap):
     body = body_at(world, i)
     for p in range(world.plane_count):
         limit = share * body.thinness
-        gap = gap_to_plane(world, i, p, -limit)
+        gap, _ = separation_from_plane(world, i, p)
         if gap < -limit:
             _write(overlap, i, -1 - p, gap, limit)
             return True
@@ -86,42 +85,11 @@ def _write_first_overlap(world, i, share, overlap):
 
 
 @kernel
-def gap_to_plane(world, i, p, margin):
-    """Gap (m) as `meet_plane` has it, but of what pierces a bounded plane its whole depth.
-
-    No contact is made with that: it has passed the plane by. At the start it is a mistake where
-    the centre is over the plane, for then the body does not only reach below it beside its edge.
-    """
-    body, plane = body_at(world, i), plane_at(world, p)
-    depth = body.thinness
-    n = load(plane.normal)
-    above = dot(n, load(body.position)) > plane.offset
-    if plane.corners > 0 and above and is_on_sheet(body, plane):
-        if body.kind == CAPSULE:
-            lowest = _lowest_over(body, plane)
-            if lowest < 0.0:
-                return lowest - body.radius
-        depth = body.reach
-    _, gap = meet_plane_within(world, i, p, margin, depth, GAP_ONLY)
-    return gap
-
-
-@kernel
 def is_on_sheet(body, plane):
     """Whether a body's centre, projected onto a bounded plane, is within its edges."""
     centre, n = load(body.position), load(plane.normal)
     low, high = part_over_polygon(centre, (0.0, 0.0, 0.0), plane.boundary, plane.corners, n)
     return low < high
-
-
-@kernel
-def _lowest_over(body, plane):
-    """Height (m) over a bounded plane of the lower end of the part of a capsule's axis over it."""
-    n = load(plane.normal)
-    start = segment_end(body, -1.0)
-    span = sub(segment_end(body, 1.0), start)
-    low, high = part_over_polygon(start, span, plane.boundary, plane.corners, n)
-    return dot(n, start) - plane.offset + min(low * dot(n, span), high * dot(n, span))
 
 
 @kernel

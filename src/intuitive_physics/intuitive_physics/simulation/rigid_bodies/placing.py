@@ -78,7 +78,7 @@ def place_shape(body, kind, dimensions, material, pose):
 def _reset(body, kind, material):
     body.kind, body.material = kind, material
     body.drag = body.magnus = 0.0
-    body.pressed = body.quiet_steps = body.asleep = body.next_output = body.warm_starts = 0
+    body.pressed = body.asleep = body.next_output = body.warm_starts = 0
     body.behind = body.off_centre = 0
     for k in range(3):
         body.velocity[k] = body.spin[k] = body.half_extents[k] = 0.0

@@ -61,7 +61,6 @@ BODY = np.dtype(
         ("steady", "i8"),  # 1 while they neither part nor close
         ("behind", "i8"),  # bit p is set once it has come behind the bounded plane p
         # Sleep and islands.
-        ("quiet_steps", "i8"),
         ("asleep", "i8"),
         ("island", "i8"),
         ("next_output", "i8"),
@@ -93,6 +92,7 @@ CONTACT = np.dtype(
         ("first", "i8"),  # body that moves
         ("second", "i8"),  # body, or -1 - p for plane p
         ("gap", "f8"),  # m, below zero where the two overlap
+        ("on_face", "i8"),  # 1 where it is one of three or more that the two have
         # Rows: normal, towards the first; along the slip; across it.
         ("axes", "f8", (3, 3)),
         ("normal", "f8", 3),  # the true one while an impact's noise tilts `axes`
@@ -104,6 +104,7 @@ CONTACT = np.dtype(
         ("other_turn", "f8", (3, 3)),
         ("inverse_effective_mass", "f8", 3),  # 1/kg: change of speed along each axis for 1 N s
         ("effective_mass", "f8", 3),  # kg: its inverse
+        ("grip_mass", "f8"),  # kg: the smaller one of those along the surface
         ("impulse", "f8", 3),  # N s
         ("torque", "f8", 3),  # N m s of rolling friction, in the world's axes
         ("rolling_response", "f8"),  # 1/(kg m): change of speed at the surface for 1 N m s
@@ -127,6 +128,26 @@ CONTACT = np.dtype(
 MEMBER = np.dtype([("body", "i8")])
 """One body of the island that is being stepped."""
 
+ROW = np.dtype(
+    [
+        ("contact", "i8"),
+        ("axis", "i8"),  # of the contact: 0 to 2 for impulses, 3 to 5 the same for torques
+        ("first", "i8"),  # the contact's bodies
+        ("second", "i8"),
+        # Its speed is linear · v + lever · ω of the first, less the same of the second.
+        ("linear", "f8", 3),
+        ("lever", "f8", 3),  # m, or none for a torque
+        ("other_lever", "f8", 3),
+        ("turn", "f8", 3),  # rad/s of the first for one unit of the impulse
+        ("other_turn", "f8", 3),
+        ("impulse", "f8"),  # N s or N m s, so far
+        ("speed", "f8"),  # m/s or rad/s, with it
+        ("scale", "f8"),  # kg or kg m²: impulse that takes the speed away, about
+    ],
+    align=True,
+)
+"""One equation of `newton`: an impulse or torque of a contact, and the speed it acts on."""
+
 WORLD = np.dtype(
     [
         # Addresses of arrays, see `pointers`.
@@ -136,6 +157,10 @@ WORLD = np.dtype(
         ("members", "i8"),  # (n + b,) MEMBER, of the island that is stepped
         ("clipped", "i8"),  # (2, clipped_room, 3) float64, m, scratch: two polygons
         ("clipped_room", "i8"),
+        ("rows", "i8"),  # (row_room,) ROW, scratch
+        ("matrix", "i8"),  # (row_room, row_room) float64, scratch
+        ("right", "i8"),  # (row_room,) float64, scratch
+        ("row_room", "i8"),
         ("times", "i8"),  # (T,) float64, s
         ("positions", "i8"),  # (n, T, 3) float64 to be filled
         ("orientations", "i8"),  # (n, T, 4) float64 to be filled, 0 if not wanted
@@ -155,6 +180,7 @@ WORLD = np.dtype(
 _body, _plane = record_getter(BODY), record_getter(PLANE)
 _contact = record_getter(CONTACT)
 _member = record_getter(MEMBER)
+_row = record_getter(ROW)
 
 
 @fast_inlined
@@ -182,6 +208,11 @@ def plane_at(world, p):
 @fast_inlined
 def contact_at(world, c):
     return _contact(world.contacts, c)
+
+
+@fast_inlined
+def row_at(world, r):
+    return _row(world.rows, r)
 
 
 @fast_inlined
@@ -219,6 +250,9 @@ def transposed_times(matrix, a):
 CONTACTS_A_BODY = 48
 """Room for contacts for each body that moves; with more in all, a world stops."""
 
+MOST_ROWS = 384
+"""Most equations that are solved directly: 64 contacts with rolling friction, 128 without."""
+
 
 class Scratch:
     """Room for one world; the arrays live as long as this does.
@@ -244,9 +278,14 @@ class Scratch:
         # box's face, or one at each edge of a plane.
         self.clipped = np.zeros((2, 4 + max(4, corners), 3))
         self.members = np.zeros(moving + boxes, MEMBER)
+        self.rows = np.zeros(min(6 * len(self.contacts), MOST_ROWS), ROW)
+        self.matrix = np.zeros((len(self.rows), len(self.rows)))
+        self.right = np.zeros(len(self.rows))
         self.world = np.zeros(1, WORLD)
-        for name in ("bodies", "planes", "contacts", "clipped", "members"):
+        for name in ("bodies", "planes", "contacts", "clipped", "members", "rows", "matrix"):
             self.world[name] = getattr(self, name).ctypes.data
+        self.world["right"] = self.right.ctypes.data
+        self.world["row_room"] = len(self.rows)
         self.world["contact_room"] = len(self.contacts)
         self.world["clipped_room"] = self.clipped.shape[1]
 

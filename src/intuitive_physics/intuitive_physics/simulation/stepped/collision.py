@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from intuitive_physics.geometry.vectors import add_scaled, dot, load, norm, store, sub
-from intuitive_physics.kernels import kernel
-from intuitive_physics.simulation.rigid_bodies.manifolds import (
-    GAP_ONLY,
-    meet_plane,
-)
+from intuitive_physics.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.rigid_bodies.pairs import meet
+from intuitive_physics.simulation.rigid_bodies.planes import meet_plane, separation_from_plane
 from intuitive_physics.simulation.rigid_bodies.poses import set_inverse_inertia
 from intuitive_physics.simulation.rigid_bodies.world import body_at, contact_at, member_at, plane_at
 
@@ -33,7 +30,9 @@ def find_contacts(world, moving, members):
         for p in range(world.plane_count):
             if plane_at(world, p).corners > 0:
                 _note_side(world, i, p)
+            already = count
             count, _ = meet_plane(world, i, p, MARGIN, count)
+            _note_faces(world, already, count)
         for b in range(a + 1, members):
             j = member_at(world, b)
             other = body_at(world, j)
@@ -42,11 +41,18 @@ def find_contacts(world, moving, members):
             if dot(apart, apart) < reach * reach:
                 others = count
                 count, _ = meet(world, i, j, MARGIN, count)
+                _note_faces(world, others, count)
                 if count > others and other.inverse_mass > 0.0:
                     set_inverse_inertia(other)
         if count > before:
             set_inverse_inertia(body)
     return count
+
+
+@fast_inlined
+def _note_faces(world, first, last):
+    for c in range(first, last):
+        contact_at(world, c).on_face = last - first > 2
 
 
 @kernel
@@ -58,7 +64,7 @@ def _note_side(world, i, p):
         body.behind |= bit
     elif body.behind & bit:
         body.behind &= ~bit
-        _, gap = meet_plane(world, i, p, MARGIN, GAP_ONLY)
+        gap, _ = separation_from_plane(world, i, p)
         if gap < 0.0:
             body.behind |= bit
 

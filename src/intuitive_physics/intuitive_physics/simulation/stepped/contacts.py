@@ -64,6 +64,7 @@ def prepare(world, c):
             inverse_mass += other.inverse_mass + dot(lever, turn)
         contact.inverse_effective_mass[axis] = inverse_mass
         contact.effective_mass[axis] = 1.0 / inverse_mass
+    contact.grip_mass = min(contact.effective_mass[1], contact.effective_mass[2])
     _look_up(world, contact)
 
 
@@ -72,14 +73,13 @@ def _look_up(world, contact):
     body = body_at(world, contact.first)
     a = body.material
     response = _rolling_response(body)
-    radius = body.radius
+    radius = 0.0 if contact.on_face and body.kind == BOX else body.thinness
     if contact.second >= 0:
         other = body_at(world, contact.second)
         b = other.material
         if other.inverse_mass > 0.0:
             response += _rolling_response(other)
-        if other.kind != BOX and (body.kind == BOX or other.radius < radius):
-            radius = other.radius
+        radius = _rolling_radius(contact, body, other)
     else:
         b = plane_at(world, -1 - contact.second).material
     contact.static = coefficient(world, STATIC, a, b)
@@ -88,6 +88,22 @@ def _look_up(world, contact):
     contact.roll_radius = coefficient(world, ROLLING, a, b) * radius
     contact.rolling_response = response * radius
     contact.rolling_inertia = 1.0 / response
+
+
+@fast_inlined
+def _rolling_radius(contact, body, other):
+    """The radius (m) of the round one of two bodies, the smaller one of two that are alike.
+
+    That of a box is half its shortest edge; one that never moves has none. On a face a box does not
+    roll.
+    """
+    if contact.on_face and body.kind == BOX and other.kind == BOX:
+        return 0.0
+    if other.inverse_mass == 0.0 or (body.kind != BOX and other.kind == BOX):
+        return body.thinness
+    if body.kind == BOX and other.kind != BOX:
+        return other.thinness
+    return min(body.thinness, other.thinness)
 
 
 @fast_inlined

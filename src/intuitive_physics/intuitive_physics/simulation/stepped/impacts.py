@@ -14,6 +14,7 @@ from intuitive_physics.geometry.vectors import dot, load, norm, scaled, store
 from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.noisy_impacts import noisy_restitution, tilted
 from intuitive_physics.simulation.rigid_bodies.world import body_at, contact_at
+from intuitive_physics.simulation.rollout import NOT_CONVERGED
 from intuitive_physics.simulation.stepped.contacts import (
     prepare,
     push,
@@ -21,17 +22,18 @@ from intuitive_physics.simulation.stepped.contacts import (
     speed_along,
     twist,
 )
-from intuitive_physics.simulation.stepped.solver import solve
+from intuitive_physics.simulation.stepped.solver import SWEEPS, solve
 from intuitive_physics.simulation.world_batch import BOX, SPHERE
 
 IMPACT_GAP = 1e-5
 """m. Bodies farther apart have not hit each other yet."""
 
-SWEEPS = 40
-"""Most sweeps over the contacts of one impact."""
-
 PRECISION = 1e-5
 """m/s. A sweep that changes speeds by less is the last one."""
+
+TOLERANCE = 1e-3
+"""Change of speed that a sweep may leave where the search finds no end, as a part of the impact's
+speed."""
 
 ROUNDS_A_CONTACT = 4
 """Most impacts for each contact; what still approaches is left to the solver of what presses."""
@@ -55,7 +57,7 @@ def rebound(world, count, threshold):
             break
         impacts += 1
         first, last = _pair_of(world, hit, count)
-        _hit(world, first, last, threshold)
+        _hit(world, first, last, threshold, -fastest)
     return impacts
 
 
@@ -76,7 +78,7 @@ def _pair_of(world, c, count):
 
 
 @kernel
-def _hit(world, first, last, threshold):
+def _hit(world, first, last, threshold, approach):
     if world.noisy == 1:
         _disturb(world, first, last, threshold)
     for c in range(first, last):
@@ -90,9 +92,12 @@ def _hit(world, first, last, threshold):
         for axis in range(3):
             contact.impulse[axis] = 0.0
             contact.torque[axis] = 0.0
-    solve(world, first, last, SWEEPS, PRECISION)
+    tolerance = PRECISION + TOLERANCE * approach
+    solved = solve(world, first, last, SWEEPS, PRECISION, tolerance)
     if _let_roll(world, first, last):
-        solve(world, first, last, SWEEPS, PRECISION)
+        solved = solve(world, first, last, SWEEPS, PRECISION, tolerance) and solved
+    if not solved:
+        world.status = NOT_CONVERGED
     contact = contact_at(world, first)
     if last - first > 1 or _is_eccentric(world, contact):
         _limit_energy(world, first, last)
@@ -148,8 +153,10 @@ def _let_roll(world, first, last):
         contact.rolls = contact.roll_radius > 0.0 and used < grip
         if contact.rolls == 1:
             rolling, arm = body_at(world, contact.first), load(contact.arm)
-            if rolling.kind == BOX:
-                rolling, arm = body_at(world, contact.second), load(contact.other_arm)
+            if rolling.kind == BOX and contact.second >= 0:
+                other = body_at(world, contact.second)
+                if other.kind != BOX:
+                    rolling, arm = other, load(contact.other_arm)
             radius = abs(dot(arm, load(contact.axes[0])))
             bearable = (1.0 + rolling.inertia_ratio) * radius * (grip - used) / contact.impulse[0]
             contact.roll_limit = min(contact.roll_radius, bearable)

@@ -1,30 +1,26 @@
 """Islands: bodies that may meet within a step, and their motion.
 
 While no two bodies may meet, each is an independent island for several steps, after which islands
-are looked for again. An island that has been still for long enough sleeps until something comes
-near.
+are looked for again. An island that is at rest sleeps until something comes near.
 """
 
 from __future__ import annotations
 
 from math import sqrt
 
-from intuitive_physics.geometry.vectors import load, norm, store, sub
+from intuitive_physics.geometry.vectors import load, norm, sub
 from intuitive_physics.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.rigid_bodies.world import body_at, member_at, set_member
 from intuitive_physics.simulation.rollout import OK
 from intuitive_physics.simulation.stepped.collision import MARGIN, are_near
 from intuitive_physics.simulation.stepped.lone_body import step_lone_body
-from intuitive_physics.simulation.stepped.motion import is_still, write_rest
+from intuitive_physics.simulation.stepped.motion import write_rest
 from intuitive_physics.simulation.stepped.parts import step_island
-from intuitive_physics.simulation.world_batch import CAPSULE, SPHERE
+from intuitive_physics.simulation.world_batch import BOX
 from intuitive_physics.simulation.world_record import stop_if_asked
 
 MOST_STEPS = 32
 """Maximum steps of independent islands before they are looked for again."""
-
-QUIET_STEPS = 10
-"""Steps for which a body that something holds has to be still before it falls asleep."""
 
 
 @kernel
@@ -108,10 +104,12 @@ def carry_island(world, moving, root, first, count, step, threshold):
 
 @fast_inlined
 def _may_advance_many(body):
-    """Whether it is worth asking: a box never rolls, and a capsule does not fly like this."""
+    """Whether it is worth asking: contact forces on a box change from step to step."""
     if body.asleep == 1 or body.drag != 0.0 or body.magnus != 0.0:
         return False
-    return body.kind == SPHERE or (body.kind == CAPSULE and body.pressed == 1)
+    if body.pressed == 0:
+        return body.round == 1
+    return body.kind != BOX
 
 
 @kernel
@@ -120,10 +118,7 @@ def _advance_many(world, moving, root, start, step, steps):
     body, duration = body_at(world, root), step * steps
     if _is_by_a_box(world, moving, body, duration):
         return False
-    if not step_lone_body(world, root, start, step, steps):
-        return False
-    body.quiet_steps = 0
-    return True
+    return step_lone_body(world, root, start, step, steps)
 
 
 @kernel
@@ -157,24 +152,15 @@ def _step_one(world, moving, root, start, step, threshold):
                 set_member(world, members, j)
                 members += 1
                 break
-    if members > 1 or not step_lone_body(world, root, start, step, 1):
+    if members == 1 and step_lone_body(world, root, start, step, 1):
+        body_at(world, root).asleep = _rested(body_at(world, root))
+    else:
         step_island(world, count, members, start, step, threshold)
-    _put_to_sleep(world, count)
     return True
 
 
-@kernel
-def _put_to_sleep(world, count):
-    """Let an island sleep when all of it has been quiet for long enough."""
-    quiet = True
-    for a in range(count):
-        body = body_at(world, member_at(world, a))
-        still = body.pressed == 1 and is_still(body, load(body.velocity), load(body.spin))
-        body.quiet_steps = body.quiet_steps + 1 if still else 0
-        quiet = quiet and body.quiet_steps >= QUIET_STEPS
-    for a in range(count):
-        body = body_at(world, member_at(world, a))
-        body.asleep = quiet
-        if quiet:
-            store(body.velocity, (0.0, 0.0, 0.0))
-            store(body.spin, (0.0, 0.0, 0.0))
+@fast_inlined
+def _rested(body):
+    """Whether a lone body has stood still on a plane all through its step."""
+    speed = _fastest(body) + norm(load(body.start_velocity)) + norm(load(body.start_spin))
+    return body.pressed == 1 and speed == 0.0

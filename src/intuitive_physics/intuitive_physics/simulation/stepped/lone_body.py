@@ -31,9 +31,9 @@ from intuitive_physics.simulation.rigid_bodies.world import body_at, column, pla
 from intuitive_physics.simulation.stepped.collision import MARGIN, OVERLAP
 from intuitive_physics.simulation.stepped.contacts import STEADY, STICK_SPEED
 from intuitive_physics.simulation.stepped.motion import (
+    LARGEST_TURN,
     begin,
     finish,
-    is_still,
     place,
     plan_flight,
     plan_pressed,
@@ -78,7 +78,7 @@ def sphere_after(world, body, plane, step, steps):
         grip = norm(sub(after, sliding))
         if grip > coefficient(world, STATIC, a, b) * normal_impulse * body.inverse_mass:
             return False, velocity, spin
-        if steps > 1 and (slip > SETTLED or _stops(body, n, spin, after, turning)):
+        if steps > 1 and (slip > SETTLED or _stops(n, spin, after, turning)):
             return False, velocity, spin
     else:
         grip = coefficient(world, DYNAMIC, a, b) * normal_impulse
@@ -89,9 +89,9 @@ def sphere_after(world, body, plane, step, steps):
 
 
 @fast_inlined
-def _stops(body, n, spin, after, turning):
+def _stops(n, spin, after, turning):
     """Whether rolling, or turning about the normal, comes to its end within the steps."""
-    if is_still(body, after, turning):
+    if dot(after, after) == 0.0:
         return True
     return dot(turning, n) == 0.0 and dot(spin, n) != 0.0
 
@@ -194,7 +194,7 @@ def capsule_after(world, body, plane, step, steps):
         return False, velocity, spin
     after = add_scaled(scaled(n, leaving), side, forward)
     turning_after = add_scaled(scaled(axis, rolling), side, tilting)
-    if steps > 1 and is_still(body, after, turning_after):
+    if steps > 1 and left == 0.0:
         return False, velocity, spin
     return True, after, turning_after
 
@@ -232,7 +232,7 @@ def step_lone_body(world, i, start, step, steps):
     p = _plane_below(world, body, duration)
     if p == MEETS_MORE or body.drag != 0.0 or body.magnus != 0.0:
         return False
-    if p == FLIES and steps > 1 and body.round == 0:
+    if p == FLIES and body.round == 0 and not (steps == 1 and _turns_slowly(body, step)):
         return False
     begin(body)
     if p == FLIES:
@@ -252,6 +252,11 @@ def step_lone_body(world, i, start, step, steps):
     if body.kind == SPHERE and world.orientations != 0:
         rotate(body, body.start_orientation, scaled(load(body.turning), duration))
     return True
+
+
+@fast_inlined
+def _turns_slowly(body, step):
+    return norm(load(body.spin)) * step <= LARGEST_TURN
 
 
 @kernel
@@ -279,7 +284,10 @@ def _plane_below(world, body, duration):
         if gap > MARGIN:
             stays_free = False
             closing = dot(n, velocity) + 0.5 * duration * min(0.0, dot(n, gravity))
-            flies_free = flies_free and gap + duration * min(0.0, closing) > turning
+            fall = -duration * min(0.0, closing)
+            if gap < fall and body.kind != SPHERE:
+                gap, turning = height - support(body, n), _turning_way(body, duration)
+            flies_free = flies_free and gap > fall + turning
         elif touched == FLIES and _lies_on(body, plane, gap):
             touched = p
         else:

@@ -34,8 +34,11 @@ from intuitive_physics.simulation.world_batch import SPHERE
 TIME_ROUNDING = 1e-12
 """s. An output this little after a step's end belongs to it."""
 
-QUIET_SPEED = 2e-3
-"""m/s. A body no point of which moves faster is still, and may fall asleep."""
+LARGEST_TURN = 1.0
+"""rad that a body of unequal moments of inertia turns at most in a part of a step."""
+
+QUIET_SPEED = 1e-3
+"""m/s. A body no point of which moves faster is still, and sleeps if it is balanced."""
 
 
 @kernel

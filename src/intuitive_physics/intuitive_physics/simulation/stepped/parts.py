@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from intuitive_physics.geometry.vectors import add_scaled, load, scaled, store
+from math import inf
+
+from intuitive_physics.geometry.vectors import add_scaled, load, norm, scaled, store
 from intuitive_physics.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.rigid_bodies.poses import rotate
 from intuitive_physics.simulation.rigid_bodies.world import body_at, contact_at, member_at
+from intuitive_physics.simulation.rollout import NOT_CONVERGED, OK, TOO_FAST, TOO_MANY_EVENTS
 from intuitive_physics.simulation.stepped.collision import find_contacts, part_overlaps
 from intuitive_physics.simulation.stepped.contacts import STEADY, prepare, speed_along
-from intuitive_physics.simulation.stepped.impact_times import first_impact
 from intuitive_physics.simulation.stepped.impacts import IMPACT_GAP, rebound
 from intuitive_physics.simulation.stepped.motion import (
+    LARGEST_TURN,
     TIME_ROUNDING,
     begin,
     finish,
@@ -20,26 +23,29 @@ from intuitive_physics.simulation.stepped.motion import (
     plan_pressed,
     write_outputs,
 )
-from intuitive_physics.simulation.stepped.solver import solve, store_warm_start, warm_start
+from intuitive_physics.simulation.stepped.rest import sleep_if_at_rest
+from intuitive_physics.simulation.stepped.solver import SWEEPS, solve, store_warm_start, warm_start
+from intuitive_physics.simulation.stepped.time_of_impact import first_closing
 from intuitive_physics.simulation.world_batch import SPHERE
 
-PARTS = 16
-"""Most parts of a step for each body; what hits in the last one rebounds in the next step."""
+PARTS = 64
+"""Most impacts in a step for each body; a world with more stops, TOO_MANY_EVENTS."""
+
+MOST_TURNS = 1000
+"""Parts of a step that `LARGEST_TURN` may make; a world in which it makes more stops, TOO_FAST."""
 
 SHORTEST = 1e-3
-"""Shortest part of a step; a shorter one counts as stalled."""
+"""A part shorter than this, as a part of a step, counts as stalled."""
 
 STALLS = 4
-"""Stalled parts in a row after which the next part is as long as `STALL_ADVANCE`."""
-
-STALL_ADVANCE = 0.1
-"""Advance after a stall, as a part of a step."""
-
-SWEEPS = 150
-"""Most sweeps over the contacts that press in a part of a step; see `PRECISION`."""
+"""Stalled parts in a row from which on nothing rebounds: bounces that get shorter and shorter
+would find no end."""
 
 PRECISION = 5e-4
 """Change of speed that is worth another sweep, as a part of what falling adds in a step."""
+
+TOLERANCE = 20.0
+"""Change, in that precision, that is left where the search finds no end."""
 
 SLOWEST_REBOUND = 1e-5
 """m/s. In a world without gravity, rebounds slower than this are none."""
@@ -57,24 +63,40 @@ def step_island(world, moving, members, start, duration, threshold):
 
     Of the first `members` bodies that `member_at` names the first `moving` move.
     """
-    done, stalled = 0.0, 0
-    for part in range(PARTS * moving):
-        left = duration - done
-        count = _meet(world, moving, members, threshold)
-        _plan(world, moving, count, left, threshold)
+    done, stalled, events = 0.0, 0, 0
+    while done < duration - TIME_ROUNDING:
+        left = min(duration - done, _followed_time(world, moving, duration))
+        least = threshold if stalled < STALLS else inf
+        count = _meet(world, moving, members, least)
+        _plan(world, moving, count, left, least)
         if left > 0.5 * duration:
-            _store_warm_starts(world, moving, count, left, threshold)
-        after = left
-        if part < PARTS * moving - 1:
-            after = first_impact(world, moving, members, left, threshold)
-            stalled = stalled + 1 if after < SHORTEST * duration else 0
-            if stalled == STALLS:
-                after, stalled = min(left, STALL_ADVANCE * duration), 0
+            _store_warm_starts(world, moving, count, left, least)
+        after = first_closing(world, moving, members, left, threshold)
         for a in range(moving):
             _move(world, member_at(world, a), start + done, after)
+        if after == duration:
+            sleep_if_at_rest(world, moving, count, duration)
         done += after
-        if done >= duration - TIME_ROUNDING:
-            break
+        if after < left:
+            events += 1
+            stalled = stalled + 1 if after < SHORTEST * duration else 0
+            if events > PARTS * moving and world.status == OK:
+                world.status = TOO_MANY_EVENTS
+        if world.status != OK:
+            return
+
+
+@kernel
+def _followed_time(world, moving, duration):
+    """How long (s) the turning of the island's bodies can be followed at once."""
+    fastest = 0.0
+    for a in range(moving):
+        body = body_at(world, member_at(world, a))
+        if body.round == 0:
+            fastest = max(fastest, norm(load(body.spin)))
+    if fastest * duration > LARGEST_TURN * MOST_TURNS:
+        world.status = TOO_FAST
+    return LARGEST_TURN / fastest if fastest > 0.0 else duration
 
 
 @kernel
@@ -109,7 +131,7 @@ def _plan(world, moving, count, duration, threshold):
     for a in range(moving):
         body = body_at(world, member_at(world, a))
         begin(body)
-        body.pressed = 0
+        body.pressed = body.asleep = 0
         body.steady = 1
     if _activate(world, count, duration, threshold):
         _press(world, moving, count, duration)
@@ -184,7 +206,9 @@ def _press(world, moving, count, duration):
     for c in range(count):
         if contact_at(world, c).active == 1:
             warm_start(world, c, duration)
-    solve(world, 0, count, SWEEPS, PRECISION * duration * world.gravity_size + 1e-9)
+    precision = PRECISION * duration * world.gravity_size + 1e-9
+    if not solve(world, 0, count, SWEEPS, precision, TOLERANCE * precision):
+        world.status = NOT_CONVERGED
     _release(world, moving, count)
 
 

@@ -3,6 +3,9 @@
 At each contact: the normal speed afterwards is at least `least_speed`, and the normal impulse
 pushes only; friction opposes slip by at most μ_s J_n where the contact sticks and μ_d J_n where it
 slips; on a contact that sticks, rolling friction opposes the relative spin by at most μ_r r J_n.
+
+Where few sweeps are not enough, as for a heavy body on a light one, steps of Newton's method help,
+each followed by sweeps.
 """
 
 from __future__ import annotations
@@ -25,21 +28,81 @@ from intuitive_physics.simulation.stepped.contacts import (
     speed_along,
     twist,
 )
+from intuitive_physics.simulation.stepped.newton import change_impulses, newton_step
+
+SWEEPS = 40
+"""Sweeps before the first step of Newton's method."""
+
+NEWTON_STEPS = 24
+"""Most steps of Newton's method."""
+
+FREE_STEPS = 8
+"""Steps of it that are taken whole. More of them have led round in a circle, as friction that grows
+with the force that presses can: from then on steps are shortened and sweeps relaxed."""
+
+HALVINGS = 4
+"""Most halvings of a step of Newton's method that does not come nearer to the laws."""
+
+FEW_STEPS = 1
+"""Steps of it after which a tolerance counts."""
+
+RELAXATION = 0.5
+"""Share of each change that relaxed sweeps make."""
+
+MOST_SWEEPS = 256
+"""Most sweeps after one of its steps: one after the first, twice as many after each further one."""
 
 SAME_PLACE = 0.3
 """Motion in a step below which a contact is the same one, as a part of a body's reach."""
 
 
 @kernel
-def solve(world, first, last, sweeps, precision):
-    """Sweep over the active contacts from `first` to `last` (exclusive), at most `sweeps` times.
+def solve(world, first, last, sweeps, precision, tolerance):
+    """Find the impulses of the active contacts from `first` to `last` (exclusive).
 
-    A sweep that changes no speed by more than `precision` (m/s) is the last.
+    They are found when a sweep changes no speed by more than `precision` (m/s), which is looked
+    for `sweeps` times before Newton's method, or by more than `tolerance` after some of its steps:
+    contacts that are a little apart may ask for what no rigid body can do. Returns whether they
+    were found.
     """
     alone = _only_active(world, first, last)
     if alone >= 0 and contact_at(world, alone).rolls == 0:
-        _solve_alone(world, contact_at(world, alone), sweeps, precision)
-        return
+        if _solve_alone(world, contact_at(world, alone), sweeps, precision):
+            return True
+    elif _sweep(world, first, last, sweeps, precision, 1.0) < precision:
+        return True
+    further = 1
+    for step in range(NEWTON_STEPS):
+        circles = step >= FREE_STEPS
+        _step(world, first, last, HALVINGS if circles else 0)
+        share = RELAXATION if circles else 1.0
+        change = _sweep(world, first, last, further, precision, share)
+        if change < precision or (change < tolerance and step >= FEW_STEPS):
+            return True
+        further = min(2 * further, MOST_SWEEPS)
+    return False
+
+
+@kernel
+def _step(world, first, last, halvings):
+    """Take a step of Newton's method, or so much of it that the laws are not violated more."""
+    before = _sweep(world, first, last, 1, 0.0, 0.0) if halvings > 0 else 0.0
+    rows = newton_step(world, first, last)
+    share = 1.0
+    for _ in range(halvings):
+        if rows == 0 or _sweep(world, first, last, 1, 0.0, 0.0) <= before:
+            break
+        share *= 0.5
+        change_impulses(world, rows, -share)
+
+
+@kernel
+def _sweep(world, first, last, sweeps, precision, share):
+    """Sweep until no speed is to change by more, or so many times; return the last change (m/s).
+
+    Only a share of each change is made, of none to ask how far the impulses are from the laws.
+    """
+    largest = 0.0
     for sweep in range(sweeps):
         largest = 0.0
         for k in range(first, last):
@@ -47,12 +110,13 @@ def solve(world, first, last, sweeps, precision):
             c = k if sweep & 1 == 0 else first + last - 1 - k
             contact = contact_at(world, c)
             if contact.active == 1:
-                change = _solve_contact(world, contact)
+                change = _solve_contact(world, contact, share)
                 if contact.rolls == 1:
-                    change = max(change, _solve_rolling(world, contact))
+                    change = max(change, _solve_rolling(world, contact, share))
                 largest = max(largest, change)
         if largest < precision:
             break
+    return largest
 
 
 @kernel
@@ -72,7 +136,7 @@ def _solve_alone(world, contact, sweeps, precision):
     """Sweep as over many contacts, but follow only the speeds along this one's axes.
 
     By an impulse along axis i that along axis j grows by W_ij: a third of what a sweep over
-    velocities and spins computes.
+    velocities and spins computes. Returns whether the last one changed no speed by more.
     """
     cross = _coupling(world, contact, 0, 1)
     tilt, skew = _coupling(world, contact, 0, 2), _coupling(world, contact, 1, 2)
@@ -80,27 +144,29 @@ def _solve_alone(world, contact, sweeps, precision):
     normal = speed_along(world, contact, 0) - contact.least_speed
     slip, drift = speed_along(world, contact, 1), speed_along(world, contact, 2)
     pressing, along, across = load(contact.impulse)
+    grip, done = contact.grip_mass, False
     for _ in range(sweeps):
         new = max(pressing - normal * effective[0], 0.0)
         change, pressing = new - pressing, new
         normal += inverse[0] * change
         slip += cross * change
         drift += tilt * change
-        first, second = _held(
-            along - slip * effective[1], across - drift * effective[2], contact.friction * pressing
-        )
+        limit = contact.friction * pressing
+        first, second = _held(along - slip * grip, across - drift * grip, limit)
         largest = abs(change) * inverse[0]
         change, further, along, across = first - along, second - across, first, second
         largest = max(largest, abs(change) * inverse[1], abs(further) * inverse[2])
         normal += cross * change + tilt * further
         slip += inverse[1] * change + skew * further
         drift += skew * change + inverse[2] * further
-        if largest < precision:
+        done = largest < precision
+        if done:
             break
     old = load(contact.impulse)
     store(contact.impulse, (pressing, along, across))
     for axis in range(3):
         push(world, contact, axis, contact.impulse[axis] - old[axis])
+    return done
 
 
 @fast_inlined
@@ -123,8 +189,8 @@ def _held(first, second, limit):
 
 
 @kernel
-def _solve_contact(world, contact):
-    """Improve a contact's impulses, first along the normal, then in the plane."""
+def _solve_contact(world, contact, share):
+    """Improve a contact's impulses, first along the normal, then in the plane, by a share."""
     body = body_at(world, contact.first)
     v, w = load(body.velocity), load(body.spin)
     paired = contact.second >= 0
@@ -137,9 +203,11 @@ def _solve_contact(world, contact):
         speed -= dot(ov, n) + dot(ow, load(contact.other_lever[0]))
     before = contact.impulse[0]
     pressing = max(before + (contact.least_speed - speed) * contact.effective_mass[0], 0.0)
+    asked = pressing - before
+    change = share * asked
+    pressing = before + change
     contact.impulse[0] = pressing
-    change = pressing - before
-    largest = abs(change) * contact.inverse_effective_mass[0]
+    largest = abs(asked) * contact.inverse_effective_mass[0]
     v, w = _pushed(v, w, n, load(contact.turn[0]), change, body.inverse_mass)
     if paired:
         ov, ow = _pushed(ov, ow, n, load(contact.other_turn[0]), -change, other.inverse_mass)
@@ -150,13 +218,15 @@ def _solve_contact(world, contact):
     if paired:
         slip -= dot(ov, along) + dot(ow, load(contact.other_lever[1]))
         drift -= dot(ov, across) + dot(ow, load(contact.other_lever[2]))
-    first = contact.impulse[1] - slip * contact.effective_mass[1]
-    second = contact.impulse[2] - drift * contact.effective_mass[2]
+    first = contact.impulse[1] - slip * contact.grip_mass
+    second = contact.impulse[2] - drift * contact.grip_mass
     first, second = _held(first, second, contact.friction * pressing)
     change, change_across = first - contact.impulse[1], second - contact.impulse[2]
-    contact.impulse[1], contact.impulse[2] = first, second
     largest = max(largest, abs(change) * contact.inverse_effective_mass[1])
     largest = max(largest, abs(change_across) * contact.inverse_effective_mass[2])
+    change, change_across = share * change, share * change_across
+    contact.impulse[1] += change
+    contact.impulse[2] += change_across
     v, w = _pushed(v, w, along, load(contact.turn[1]), change, body.inverse_mass)
     v, w = _pushed(v, w, across, load(contact.turn[2]), change_across, body.inverse_mass)
     store(body.velocity, v)
@@ -177,8 +247,8 @@ def _pushed(velocity, spin, axis, turn, impulse, inverse_mass):
 
 
 @kernel
-def _solve_rolling(world, contact):
-    """Rolling and pivoting have a limit each."""
+def _solve_rolling(world, contact, share):
+    """Improve a contact's torques by a share: rolling and pivoting have a limit each."""
     n = load(contact.axes[0])
     old = load(contact.torque)
     wanted = add_scaled(old, relative_spin(world, contact), -contact.rolling_inertia)
@@ -189,9 +259,9 @@ def _solve_rolling(world, contact):
     if square > limit * limit:
         rolling = scaled(rolling, limit / sqrt(square))
     new = add_scaled(rolling, n, min(max(pivot, -limit), limit))
-    store(contact.torque, new)
     change = sub(new, old)
-    twist(world, contact, change)
+    store(contact.torque, add_scaled(old, change, share))
+    twist(world, contact, scaled(change, share))
     return (abs(change[0]) + abs(change[1]) + abs(change[2])) * contact.rolling_response
 
 

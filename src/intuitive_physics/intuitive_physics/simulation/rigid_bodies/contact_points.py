@@ -1,0 +1,83 @@
+"""Points where bodies touch, as they are written, and the faces and edges of boxes they lie on."""
+
+from __future__ import annotations
+
+from intuitive_physics.geometry.vectors import (
+    add,
+    add_scaled,
+    dot,
+    load,
+    put_vector,
+    scaled,
+    store,
+    sub,
+)
+from intuitive_physics.kernels import kernel
+from intuitive_physics.simulation.rigid_bodies.poses import centre_of_mass
+from intuitive_physics.simulation.rigid_bodies.world import (
+    body_at,
+    clipped_polygon,
+    column,
+    contact_at,
+)
+from intuitive_physics.simulation.rollout import TOO_MANY_CONTACTS
+
+GAP_ONLY = -1
+"""In place of a number of contacts: writes none."""
+
+
+@kernel
+def write_contact(world, count, first, second, gap, normal, point):
+    """Write one contact at a point (m) if `count` is not GAP_ONLY; return the new count."""
+    if count == GAP_ONLY:
+        return count
+    if count == world.contact_room:
+        world.status = TOO_MANY_CONTACTS
+        return count
+    contact = contact_at(world, count)
+    contact.first, contact.second, contact.gap = first, second, gap
+    store(contact.axes[0], normal)
+    store(contact.arm, sub(point, centre_of_mass(body_at(world, first))))
+    if second >= 0:
+        store(contact.other_arm, sub(point, centre_of_mass(body_at(world, second))))
+    return count + 1
+
+
+@kernel
+def write_face(world, body, axis, sign):
+    """Write the four corners (m) of a box's face, in turn, to the first of the clipped polygons."""
+    other, third = (axis + 1) % 3, (axis + 2) % 3
+    out = scaled(column(body.rotation, axis), sign * body.half_extents[axis])
+    centre = add(load(body.position), out)
+    u = scaled(column(body.rotation, other), body.half_extents[other])
+    v = scaled(column(body.rotation, third), body.half_extents[third])
+    face = clipped_polygon(world, 0)
+    put_vector(face, 0, add(add(centre, u), v))
+    put_vector(face, 1, add(sub(centre, u), v))
+    put_vector(face, 2, sub(sub(centre, u), v))
+    put_vector(face, 3, sub(add(centre, u), v))
+
+
+@kernel
+def edge_towards(box, axis, direction):
+    """Start and span of the edge along an axis that lies farthest in a direction."""
+    start = load(box.position)
+    for k in range(3):
+        along = column(box.rotation, k)
+        if k == axis:
+            start = add_scaled(start, along, -box.half_extents[k])
+        else:
+            sign = 1.0 if dot(along, direction) > 0.0 else -1.0
+            start = add_scaled(start, along, sign * box.half_extents[k])
+    return start, scaled(column(box.rotation, axis), 2.0 * box.half_extents[axis])
+
+
+@kernel
+def lowest_corner(box, direction):
+    """Corner (m) of a box that lies farthest against a direction."""
+    corner = load(box.position)
+    for k in range(3):
+        along = column(box.rotation, k)
+        sign = -1.0 if dot(along, direction) > 0.0 else 1.0
+        corner = add_scaled(corner, along, sign * box.half_extents[k])
+    return corner

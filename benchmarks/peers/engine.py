@@ -39,10 +39,14 @@ class Prepared(AbstractContextManager["Prepared"], ABC):
 
 
 class Engine(ABC):
-    """Simulates instances on one thread at equal time steps; `how` says how it is set up."""
+    """Simulates instances on one thread at equal time steps; `how` says how it is set up.
+
+    An `optional` engine is left out where it is missing.
+    """
 
     name: str
     how: str
+    optional = False
 
     def simulates(self, instance: Instance) -> bool:
         """Whether the engine can express the instance."""

@@ -80,7 +80,12 @@ def _library(source: Path) -> Path:
     objects = [folder / f"{i}_{path.stem}.o" for i, path in enumerate(files)]
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
         command = [compiler(), *OPTIONS, f"-I{source}", "-c"]
-        list(pool.map(_run, ([*command, str(f), "-o", str(o)] for f, o in zip(files, objects, strict=True))))
+        list(
+            pool.map(
+                _run,
+                ([*command, str(f), "-o", str(o)] for f, o in zip(files, objects, strict=True)),
+            )
+        )
     # The library appears when it is whole.
     unfinished = library.with_suffix(".new")
     _run(["ar", "rcs", str(unfinished), *map(str, objects)])

@@ -90,7 +90,7 @@ def run(options: argparse.Namespace) -> Outcome:
     report_progress("billiard breaks")
     breaks = measure_breaks(effort.breaks, effort.repetitions, rng)
     report_progress("random scenes")
-    kept = run_random_scenes(effort.random_scenes, effort.dense_scenes, rng)
+    kept = run_random_scenes(effort.random_scenes, effort.dense_scenes)
     report_progress("compiling and loading")
     kernels = start_up(effort.loads)
     measured = {name: [m for _, m in pairs] for name, pairs in scenes.items()}

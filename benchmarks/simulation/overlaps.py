@@ -21,25 +21,18 @@ SEARCHES = 60  # thirds by which the closest point of a line is searched
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Overlaps:
-    """Deepest overlaps in m, and pairs that pass through each other."""
+    """Of W scenes: deepest overlaps (W,) m, and pairs that pass through each other (W,)."""
 
-    in_planes: float = 0.0
-    in_objects: float = 0.0
-    missed: int = 0
+    in_planes: Array
+    in_objects: Array
+    missed: NDArray[np.int64]
 
     @property
-    def deepest(self) -> float:
-        """m, of both."""
-        return max(self.in_planes, self.in_objects)
-
-    def __add__(self, other: Overlaps) -> Overlaps:
-        return Overlaps(
-            max(self.in_planes, other.in_planes),
-            max(self.in_objects, other.in_objects),
-            self.missed + other.missed,
-        )
+    def deepest(self) -> Array:
+        """(W,) m, of both."""
+        return np.maximum(self.in_planes, self.in_objects)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,12 +66,17 @@ def find_overlaps(scenes: Sequence[Scene], positions: Array, orientations: Array
     positions, orientations : (W, O, T, 3) m and (W, O, T, 4); NaN where there is nothing
     """
     solids = _solids(scenes, positions, orientations)
-    found = Overlaps()
+    in_planes, in_objects = np.zeros((2, len(scenes)))
+    missed = np.zeros(len(scenes), dtype=np.int64)
     for plane, solid in itertools.product(scenes[0].environment.planes, solids):
-        found += _in_plane(plane, solid)
+        deep, behind = _in_plane(plane, solid)
+        in_planes = np.maximum(in_planes, deep)
+        missed += (deep > MISSED) | behind
     for a, b in itertools.combinations(solids, 2):
-        found += _in_object(a, b)
-    return found
+        deep = _in_object(a, b)
+        in_objects = np.maximum(in_objects, deep)
+        missed += deep > MISSED
+    return Overlaps(in_planes, in_objects, missed)
 
 
 def depths(a: Solid, b: Solid) -> Array:
@@ -97,24 +95,24 @@ def depths(a: Solid, b: Solid) -> Array:
     return result
 
 
-def _in_plane(plane: Plane, solid: Solid) -> Overlaps:
+def _in_plane(plane: Plane, solid: Solid) -> tuple[Array, NDArray[np.bool_]]:
+    """Return how deep each scene's solid is in a plane, and whether its centre is behind it."""
     heights = solid.positions @ plane.normal - plane.offset
     # The lowest corner
     reach = (np.abs(np.einsum("...ij,i->...j", solid.axes, plane.normal)) * solid.half).sum(axis=-1)
     deep = np.nan_to_num(reach + solid.radius - heights, nan=-np.inf)
-    through = (deep > MISSED) | (heights < 0.0)
-    return Overlaps(in_planes=max(0.0, float(deep.max())), missed=int(through.any(axis=1).sum()))
+    behind: NDArray[np.bool_] = np.any(heights < 0.0, axis=1)
+    return deep.max(axis=1), behind
 
 
-def _in_object(a: Solid, b: Solid) -> Overlaps:
+def _in_object(a: Solid, b: Solid) -> Array:
+    """Return how deep each scene's solid is in its other one."""
     bounds = [np.linalg.norm(solid.half, axis=-1) + solid.radius for solid in (a, b)]
     close = np.linalg.norm(a.positions - b.positions, axis=-1) < bounds[0] + bounds[1]
-    if not close.any():
-        return Overlaps()
     deep = np.full(close.shape, -np.inf)
-    deep[close] = depths(a.at(close), b.at(close))
-    missed = (deep > MISSED).any(axis=1).sum()
-    return Overlaps(in_objects=max(0.0, float(deep.max())), missed=int(missed))
+    if close.any():
+        deep[close] = depths(a.at(close), b.at(close))
+    return deep.max(axis=1)
 
 
 def _box_in_box(a: Solid, b: Solid) -> Array:

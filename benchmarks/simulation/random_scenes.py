@@ -2,65 +2,90 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.scenes import thrown
+from benchmarks.scenes import MIXED, thrown
 from benchmarks.simulation.energy import HELD, TIMES, Masses, largest_gains
-from benchmarks.simulation.overlaps import Overlaps, find_overlaps
+from benchmarks.simulation.overlaps import find_overlaps
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Scene
-from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import Rollout, make_simulator
 
-KINDS = ("sphere", "box", "capsule")
+SEED = 36  # of all scenes
 MOST_OBJECTS = 6
 HALF_ROOM = 1.5  # m; objects meet more often than in the large room
 BATCH = 200  # scenes of a rollout
 SPHERES_EVERY = 4  # one scene in as many has spheres only, for `event_driven`
 DENSE_BATCH = 40  # scenes of a rollout with dense outputs
-DENSE_TIMES = 0.002 * np.arange(1, 1501)  # s
+DENSE_TIMES = np.linspace(0.002, 3.0, 1500)  # s
 MATERIALS = (*(f"material_{i}" for i in range(MOST_OBJECTS)), "room")
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The largest value of all scenes, and the number of the scene that has it."""
+
+    value: float = 0.0
+    scene: int | None = None
+
+    def or_of(self, values: NDArray[np.float64], numbers: Sequence[int]) -> Worst:
+        """Return the worst of this and of values of scenes with these numbers."""
+        k = int(values.argmax())
+        return Worst(float(values[k]), numbers[k]) if values[k] > self.value else self
 
 
 @dataclass(frozen=True)
 class Kept:
     """How well an engine has kept to the laws in random scenes.
 
-    The gain is the largest of all scenes, as `largest_gains` has it. Stopped are scenes whose
-    status is not OK; they count until there.
+    The gain is as `largest_gains` has it, and overlaps are in m. Stopped are scenes whose status is
+    not OK; they count until there.
     """
 
     engine: str
     scenes: int = 0
     stopped: int = 0
-    energy_gain: float = 0.0
+    gain: Worst = field(default_factory=Worst)
     dense_scenes: int = 0
-    overlaps: Overlaps = field(default_factory=Overlaps)
+    in_planes: Worst = field(default_factory=Worst)
+    in_objects: Worst = field(default_factory=Worst)
+    missed: int = 0
+
+    @property
+    def deepest(self) -> float:
+        """m, in planes and objects."""
+        return max(self.in_planes.value, self.in_objects.value)
 
 
-def run_random_scenes(scenes: int, dense: int, rng: np.random.Generator) -> list[Kept]:
+def run_random_scenes(scenes: int, dense: int) -> list[Kept]:
     """Simulate random scenes; in the first `dense` of them overlaps are measured, too."""
     kept = {name: Kept(name) for name in HELD}
-    for first in range(0, scenes, BATCH):
-        batch = [random_scene(rng, i) for i in range(first, min(first + BATCH, scenes))]
-        parameters = [random_parameters(rng) for _ in batch]
-        for name in kept:
-            kept[name] = _energies(kept[name], batch, parameters)
-            ending = max(0, min(dense - first, len(batch)))
-            for begin in range(0, ending, DENSE_BATCH):
-                part = slice(begin, min(begin + DENSE_BATCH, ending))
-                kept[name] = _overlaps(kept[name], batch[part], parameters[part])
+    for name in kept:
+        for first in range(0, scenes, BATCH):
+            numbers = _able(name, range(first, min(first + BATCH, scenes)))
+            kept[name] = _with_energies(kept[name], numbers)
+        for first in range(0, dense, DENSE_BATCH):
+            numbers = _able(name, range(first, min(first + DENSE_BATCH, dense)))
+            kept[name] = _with_overlaps(kept[name], numbers)
     return list(kept.values())
 
 
-def random_scene(rng: np.random.Generator, number: int) -> Scene:
-    """Return one to six objects thrown through a small room."""
+def random_scene(number: int) -> tuple[Scene, StaticParameters]:
+    """Return one to six objects thrown through a small room, and their θ_s, always the same."""
+    rng = np.random.default_rng([SEED, number])
     count = rng.integers(1, MOST_OBJECTS + 1)
-    kinds = ["sphere"] * count if number % SPHERES_EVERY == 0 else rng.choice(KINDS, count).tolist()
-    return thrown(kinds, rng, simulations=1, half_room=HALF_ROOM).scene
+    kinds = rng.choice(["sphere"] if spheres_only(number) else MIXED, count).tolist()
+    scene = thrown(kinds, rng, simulations=1, half_room=HALF_ROOM).scene
+    return scene, random_parameters(rng)
+
+
+def spheres_only(number: int) -> bool:
+    """Whether the scene of this number has spheres only by intention, not by chance."""
+    return number % SPHERES_EVERY == 0
 
 
 def random_parameters(rng: np.random.Generator) -> StaticParameters:
@@ -72,11 +97,8 @@ def random_parameters(rng: np.random.Generator) -> StaticParameters:
     return StaticParameters(MATERIALS, rng.uniform(50.0, 3000.0, size), symmetric)
 
 
-def _energies(kept: Kept, scenes: list[Scene], parameters: list[StaticParameters]) -> Kept:
-    scenes, parameters = _able(kept.engine, scenes, parameters)
-    if not scenes:
-        return kept
-    rollout = _rollout(kept.engine, scenes, parameters, TIMES)
+def _with_energies(kept: Kept, numbers: Sequence[int]) -> Kept:
+    scenes, parameters, rollout = _rollout(kept.engine, numbers, TIMES)
     gains = largest_gains(
         Masses.of(scenes, parameters),
         rollout.positions,
@@ -87,39 +109,33 @@ def _energies(kept: Kept, scenes: list[Scene], parameters: list[StaticParameters
         kept,
         scenes=kept.scenes + len(scenes),
         stopped=kept.stopped + int((rollout.status != 0).sum()),
-        energy_gain=max(kept.energy_gain, float(gains.max())),
+        gain=kept.gain.or_of(gains, numbers),
     )
 
 
-def _overlaps(kept: Kept, scenes: list[Scene], parameters: list[StaticParameters]) -> Kept:
-    scenes, parameters = _able(kept.engine, scenes, parameters)
-    if not scenes:
-        return kept
-    rollout = _rollout(kept.engine, scenes, parameters, DENSE_TIMES)
+def _with_overlaps(kept: Kept, numbers: Sequence[int]) -> Kept:
+    scenes, _, rollout = _rollout(kept.engine, numbers, DENSE_TIMES)
     found = find_overlaps(scenes, rollout.positions, _orientations(rollout))
-    dense = kept.dense_scenes + len(scenes)
-    return replace(kept, dense_scenes=dense, overlaps=kept.overlaps + found)
+    return replace(
+        kept,
+        dense_scenes=kept.dense_scenes + len(scenes),
+        in_planes=kept.in_planes.or_of(found.in_planes, numbers),
+        in_objects=kept.in_objects.or_of(found.in_objects, numbers),
+        missed=kept.missed + int(found.missed.sum()),
+    )
 
 
-def _able(
-    engine: str, scenes: list[Scene], parameters: list[StaticParameters]
-) -> tuple[list[Scene], list[StaticParameters]]:
-    """Return the scenes that an engine simulates, and their θ_s."""
-    able = [
-        (scene, theta)
-        for scene, theta in zip(scenes, parameters, strict=True)
-        if engine != "event_driven" or all(isinstance(o.shape, Sphere) for o in scene.objects)
-    ]
-    return [scene for scene, _ in able], [theta for _, theta in able]
+def _able(engine: str, numbers: Sequence[int]) -> list[int]:
+    """Return the numbers of scenes that an engine simulates."""
+    return [n for n in numbers if engine != "event_driven" or spheres_only(n)]
 
 
 def _rollout(
-    engine: str,
-    scenes: list[Scene],
-    parameters: list[StaticParameters],
-    times: NDArray[np.float64],
-) -> Rollout:
-    return make_simulator(engine).rollout(scenes, parameters, times)
+    engine: str, numbers: Sequence[int], times: NDArray[np.float64]
+) -> tuple[list[Scene], list[StaticParameters], Rollout]:
+    drawn = [random_scene(number) for number in numbers]
+    scenes, parameters = [scene for scene, _ in drawn], [theta for _, theta in drawn]
+    return scenes, parameters, make_simulator(engine).rollout(scenes, parameters, times)
 
 
 def _orientations(rollout: Rollout) -> NDArray[np.float64]:

@@ -17,14 +17,15 @@ import time
 from typing import Any
 
 import numpy as np
-import pooltool
-from pooltool.objects.table.specs import BilliardTableSpecs
 
 AT_REST, SLIDING = 0, 2  # pooltool's numbers of a ball's motion
 
 
 def system(request: dict[str, Any], places: list[list[float]]) -> Any:
     """Return balls on a table without pockets; the cue ball, which slides, comes first."""
+    import pooltool
+    from pooltool.objects.table.specs import BilliardTableSpecs
+
     parameters = pooltool.BallParams(
         R=request["radius"],
         u_s=request["cloth"],
@@ -48,6 +49,8 @@ def system(request: dict[str, Any], places: list[list[float]]) -> Any:
 
 def main() -> None:
     """Answer the one request."""
+    import pooltool
+
     request = json.load(sys.stdin)
     answers = []
     for k, places in enumerate(request["breaks"]):

@@ -124,7 +124,7 @@ def _own_seconds(name: str, places: NDArray[np.float64], repetitions: int) -> fl
 def _pooltool(places: Sequence[NDArray[np.float64]], repetitions: int) -> dict[str, Any]:
     """Return what `peers/pooltool_break.py` answers, or raise `MissingPeerError`."""
     if not PYTHON.exists():
-        raise MissingPeerError("pooltool is missing: tools/bench_packages.sh")
+        raise MissingPeerError("pooltool is missing: tools/bench_packages.sh pooltool")
     request = {
         "radius": RADIUS,
         "length": LENGTH,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -33,11 +34,11 @@ class Jolt(Engine):
     def __init__(self, *, sleeping: bool = True, world_each: bool = False) -> None:
         place = "a world each" if world_each else "rooms apart"
         self.name = f"Jolt, {place}, {'sleeping' if sleeping else 'awake'}"
+        worlds = "a world for each simulation" if world_each else "one world, rooms 40 m apart"
         self.how = (
-            "a world for each simulation"
-            if world_each
-            else "all simulations in one world, rooms 40 m apart"
-        ) + "; μ_d only, no rolling friction, single precision; least speed of bouncing 0.1 m/s"
+            f"{worlds}; μ_d only, no rolling friction, single precision; least speed of bouncing "
+            f"0.1 m/s{_version()}"
+        )
         self._flags = (sleeping, world_each)
 
     def prepare(self, instance: Instance, steps: int, time_step: float) -> Prepared:
@@ -65,6 +66,16 @@ def _source() -> Path:
             f"{VARIABLE} is {named}; expected the folder of a clone of {UPSTREAM}, with Jolt/Jolt.h"
         )
     return source
+
+
+def _version() -> str:
+    """Return "; version …" of the source, or nothing where there is none."""
+    try:
+        text = (_source() / "Jolt/Core/Core.h").read_text(encoding="utf-8")
+    except (MissingPeerError, OSError):
+        return ""
+    numbers = re.findall(r"#define JPH_VERSION_(?:MAJOR|MINOR|PATCH) (\d+)", text)
+    return f"; version {'.'.join(numbers)}"
 
 
 def _library(source: Path) -> Path:

@@ -24,8 +24,8 @@ class Rapier(Engine):
 
     name = "Rapier"
     how = (
-        "all simulations in one world, rooms 40 m apart, planes as boxes, sleeping; μ_d only, no "
-        "rolling friction, single precision; poses are read one by one"
+        "one world, rooms 40 m apart, planes as boxes, sleeping; μ_d only, no rolling friction, "
+        "single precision; poses are read one by one"
     )
     optional = True
 

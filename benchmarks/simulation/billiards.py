@@ -41,14 +41,15 @@ STEPS, TIME_STEP = 500, 0.02  # outputs, and s from one to the next; all balls r
 
 @dataclass(frozen=True)
 class Breaks:
-    """Median seconds of a break by engine, and pooltool's median number of events.
+    """Median seconds of a break by engine, pooltool's median number of events, and its version.
 
-    Without pooltool there are no events, and `left_out` says why.
+    Without pooltool `left_out` says why.
     """
 
     count: int
     seconds: dict[str, float]
-    events: float | None = None
+    events: float = 0.0
+    version: str = ""
     left_out: str = ""
 
 
@@ -79,10 +80,9 @@ def measure_breaks(count: int, repetitions: int, rng: np.random.Generator) -> Br
         theirs = _pooltool(places, repetitions)
     except MissingPeerError as missing:
         return Breaks(count, seconds, left_out=str(missing))
-    seconds[f"pooltool {theirs['version']}"] = statistics.median(
-        one["seconds"] for one in theirs["breaks"]
-    )
-    return Breaks(count, seconds, statistics.median(one["events"] for one in theirs["breaks"]))
+    seconds["pooltool"] = statistics.median(one["seconds"] for one in theirs["breaks"])
+    events = statistics.median(one["events"] for one in theirs["breaks"])
+    return Breaks(count, seconds, events, theirs["version"])
 
 
 def random_places(rng: np.random.Generator) -> NDArray[np.float64]:

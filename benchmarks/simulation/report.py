@@ -176,19 +176,21 @@ def objects_table(scaled: Sequence[Scaled]) -> Table:
 
 def breaks_table(breaks: Breaks) -> Table:
     """Return times of a billiard break."""
-    events = "" if breaks.events is None else f" It has about {breaks.events:.0f} events there."
+    theirs = (
+        f"pooltool {breaks.version}: balls stay on the cloth, spin about the vertical is slowed, a "
+        "cushion is a rail that is met above a ball's middle; the answer is a list of events, "
+        f"here {breaks.events:.0f}"
+    )
     return Table(
         title="A billiard break: 16 balls, until all rest",
         note=f"Median wall milliseconds of {breaks.count} breaks, on one thread, with the same "
-        f"places, speed and coefficients.{events}",
+        "places, speed and coefficients.",
         columns=[Column("engine"), Column("ms", "ms", ".3g")],
         rows=[[name, 1e3 * seconds] for name, seconds in breaks.seconds.items()],
         remarks=[
             "ours: the cushions are planes, balls have three dimensions and may hop, and positions "
             f"are answered at {BREAK_STEPS} times",
-            "pooltool: balls stay on the cloth, spin about the vertical is slowed, a cushion is "
-            "a rail that is met above a ball's middle; the answer is a list of events",
-            *([f"left out: {breaks.left_out}"] if breaks.left_out else []),
+            f"left out: {breaks.left_out}" if breaks.left_out else theirs,
         ],
     )
 

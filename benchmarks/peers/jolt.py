@@ -6,10 +6,10 @@ import hashlib
 import os
 import re
 import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from benchmarks.command import report_progress
 from benchmarks.peers.engine import Engine, MissingPeerError, Prepared
 from benchmarks.peers.rollout_program import PROGRAMS, PreparedProgram, compile_program, compiler
 from benchmarks.scenes import Instance
@@ -85,7 +85,7 @@ def _library(source: Path) -> Path:
     library = folder / "libJolt.a"
     if library.exists():
         return library
-    report_progress(f"compiling Jolt of {source}, which takes minutes once")
+    print(f"── compiling Jolt of {source}, which takes minutes once", file=sys.stderr)
     folder.mkdir(parents=True, exist_ok=True)
     files = sorted((source / "Jolt").rglob("*.cpp"))
     objects = [folder / f"{i}_{path.stem}.o" for i, path in enumerate(files)]

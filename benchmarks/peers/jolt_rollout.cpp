@@ -37,11 +37,11 @@
 
 namespace {
 
-constexpr float kRoomDistance = 40.0f;  // m between the middles of two rooms of one world
-constexpr float kReach = 15.0f;         // m that a plane's bounding box reaches
-constexpr float kBounceSpeed = 0.1f;    // m/s, below which contacts do not bounce; g · 10 ms
+constexpr float kRoomDistance = 40.0f;   // m between the middles of two rooms of one world
+constexpr float kReach = 15.0f;          // m that a plane's bounding box reaches
+constexpr float kBounceSpeed = 0.1f;     // m/s, below which contacts do not bounce; g · 10 ms
 constexpr float kConvexRadius = 0.005f;  // m by which a box's edges are rounded
-constexpr float kMostSpin = 1e3f;       // rad/s; Jolt's own limit, 47, cuts spins after bounces
+constexpr float kMostSpin = 1e3f;        // rad/s; Jolt's own limit, 47, cuts spins after bounces
 constexpr JPH::uint kTemporaryBytes = 32 * 1024 * 1024;
 
 enum Layer : JPH::ObjectLayer { kStatic, kMoving, kLayers };
@@ -182,7 +182,8 @@ class World {
 
   void write(int step, double* positions) const {
     for (std::size_t k = 0; k < bodies_.size(); ++k) {
-      const JPH::Vec3 at = bodies_[k]->GetPosition() - middle(static_cast<int>(k) / request_.n_objects);
+      const int room = static_cast<int>(k) / request_.n_objects;
+      const JPH::Vec3 at = bodies_[k]->GetPosition() - middle(room);
       double* row = positions + 3 * ((first_ * request_.n_objects + k) * request_.n_steps + step);
       for (int axis = 0; axis < 3; ++axis) row[axis] = at[axis];
     }

@@ -82,7 +82,7 @@ test-oldest: ## Test the libraries with the versions of Ubuntu 24.04, in build/o
 demo: setup ## Perceive, learn from and predict thrown balls; write a report
 	@$(run_environment) .venv/bin/python -m intuitive_physics_experiments.demo
 
-bench-simulation: setup ## Race our simulators against ODE, PyBullet and MuJoCo; options="--quick"
+bench-simulation: setup ## Race our simulators against other engines; options="--quick"
 	@tools/bench_packages.sh
 	@.venv/bin/python -m benchmarks.simulation $(options)
 

@@ -28,6 +28,9 @@ SCENES: dict[str, tuple[str, ...]] = {
     "3_mixed": ("sphere", "box", "capsule"),
 }
 """The four scenes of issue 3, by what is thrown."""
+MIXED = ("sphere", "box", "capsule")  # kinds of objects that take turns
+CROWDS: dict[str, tuple[str, ...]] = {"20_mixed": tuple(MIXED[i % 3] for i in range(20))}
+"""Scenes of many objects, of which fewer instances are measured."""
 
 
 @dataclass(frozen=True)
@@ -99,20 +102,23 @@ def rolling_radius(shape: Shape) -> float:
 
 
 def thrown(
-    kinds: Sequence[str], rng: np.random.Generator, simulations: int = SIMULATIONS
+    kinds: Sequence[str],
+    rng: np.random.Generator,
+    simulations: int = SIMULATIONS,
+    half_room: float = HALF_ROOM,
 ) -> Instance:
-    """Return objects thrown through the room: 5 to 50 cm above the floor, at 2 to 6 m/s."""
+    """Return objects thrown through a room: 5 to 50 cm above the floor, at 2 to 6 m/s."""
     shapes = [_random_shape(kind, rng) for kind in kinds]
     objects = [
         SceneObject(f"{kind}_{i}", f"material_{i}", shape)
         for i, (kind, shape) in enumerate(zip(kinds, shapes, strict=True))
     ]
-    positions = _separate_positions(shapes, rng)
+    positions = _separate_positions(shapes, half_room, rng)
     states = [
         ObjectState(position, _random_turn(rng), _throw(rng), rng.uniform(-5.0, 5.0, 3))
         for position in positions
     ]
-    scene = Scene(room(), tuple(objects), tuple(states))
+    scene = Scene(room(half_room), tuple(objects), tuple(states))
     return Instance(scene, Surface(), noisy_starts(scene, simulations, rng))
 
 
@@ -130,10 +136,10 @@ def pushed(speed: float, friction: float) -> Instance:
     )
 
 
-def room() -> Environment:
-    """Return a floor and four walls about a square of 10 × 10 m."""
+def room(half: float = HALF_ROOM) -> Environment:
+    """Return a floor and four walls, `half` m from the middle."""
     walls = [
-        Plane(f"wall_{axis}{'+' if sign > 0 else '-'}", "room", -sign * np.eye(3)[axis], -HALF_ROOM)
+        Plane(f"wall_{axis}{'+' if sign > 0 else '-'}", "room", -sign * np.eye(3)[axis], -half)
         for axis in (0, 1)
         for sign in (1, -1)
     ]
@@ -168,13 +174,13 @@ def _random_shape(kind: str, rng: np.random.Generator) -> Shape:
 
 
 def _separate_positions(
-    shapes: Sequence[Shape], rng: np.random.Generator
+    shapes: Sequence[Shape], half_room: float, rng: np.random.Generator
 ) -> list[NDArray[np.float64]]:
     placed: list[NDArray[np.float64]] = []
     for shape in shapes:
         while True:
             above = shape.bounding_radius + rng.uniform(CLEARANCE, 0.5)
-            position = np.array([*rng.uniform(-0.7 * HALF_ROOM, 0.7 * HALF_ROOM, 2), above])
+            position = np.array([*rng.uniform(-0.7 * half_room, 0.7 * half_room, 2), above])
             gaps = [
                 np.linalg.norm(position - other) - shape.bounding_radius - their.bounding_radius
                 for other, their in zip(placed, shapes, strict=False)

@@ -55,6 +55,12 @@ def own_engine(measured: Measured) -> str:
     return next(name for name in NAMES if name in measured.seconds)
 
 
+def best_peer(measured: Sequence[Measured]) -> str:
+    """Return the engine that is not ours and the fastest on one scene, in whatever mode."""
+    peers = [name for name in measured[0].seconds if not name.startswith(NAMES)]
+    return min(peers, key=lambda name: typical_seconds(measured, name))
+
+
 def ratio(measured: Sequence[Measured], slow: str, fast: str) -> float:
     """Return how many times longer `slow` takes than `fast`: the median over instances."""
     return statistics.median(m.seconds[slow] / m.seconds[fast] for m in measured)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.scenes import Instance
+from benchmarks.scenes import TIME_STEP, Instance, dropped
 
 
 class MissingPeerError(Exception):
@@ -39,10 +40,14 @@ class Prepared(AbstractContextManager["Prepared"], ABC):
 
 
 class Engine(ABC):
-    """Simulates instances on one thread at equal time steps; `how` says how it is set up."""
+    """Simulates instances on one thread at equal time steps; `how` says how it is set up.
+
+    An `optional` engine is left out where it is missing.
+    """
 
     name: str
     how: str
+    optional = False
 
     def simulates(self, instance: Instance) -> bool:
         """Whether the engine can express the instance."""
@@ -51,3 +56,23 @@ class Engine(ABC):
     @abstractmethod
     def prepare(self, instance: Instance, steps: int, time_step: float) -> Prepared:
         """Build the world, which is not measured."""
+
+
+def present(engines: Sequence[Engine]) -> tuple[list[Engine], list[str]]:
+    """Return the engines that are there, and the words of the optional ones that are missing.
+
+    Raises
+    ------
+    MissingPeerError : one is missing that is not optional
+    """
+    there: list[Engine] = []
+    words: list[str] = []
+    for engine in engines:
+        try:
+            with engine.prepare(dropped(1.0, 0.5), 1, TIME_STEP):
+                there.append(engine)
+        except MissingPeerError as missing:
+            if not engine.optional:
+                raise
+            words.append(f"left out: {missing}")
+    return there, list(dict.fromkeys(words))

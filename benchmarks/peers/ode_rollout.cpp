@@ -1,23 +1,9 @@
-// Rolls out worlds in ODE, for benchmarks/peers/ode.py.
+// Rolls out worlds in ODE, for benchmarks/peers/ode.py; rollout_request.h says what it reads.
 //
-// Reads requests from standard input and answers each on standard output until the input ends.
-// Both are arrays of doubles in the machine's byte order, preceded by their length as a double.
-//
-// Request: the members of `Request` in their order, then
-//   objects      (n_objects, 8)  shape (0 sphere, 1 box, 2 capsule), three dimensions in m (radius;
-//                                edge lengths; radius and length), mass in kg, principal inertia
-//   planes       (n_planes, 4)   unit normal and offset in m
-//   coefficients (n_objects, n_objects + n_planes, 4)  of each pair: μ_s, μ_d, rolling arm in m, e
-//   starts       (n_simulations, n_objects, 13)  position, quaternion (x, y, z, w), linear and
-//                                angular velocity
-// Answer: seconds, then positions (n_simulations, n_objects, n_steps, 3) after each step.
-//
-// The seconds are those of the simulation alone: setting the first states of each simulation,
-// finding contacts, stepping, and writing the positions down.
+// The flags: whether bodies at rest sleep, whether boxes have rolling friction too.
 
 #include <ode/ode.h>
 
-#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstdarg>
@@ -29,6 +15,8 @@
 #include <utility>
 #include <vector>
 
+#include "rollout_request.h"
+
 namespace {
 
 static_assert(sizeof(dReal) == sizeof(double), "this ODE was built for single precision");
@@ -36,56 +24,6 @@ static_assert(sizeof(dReal) == sizeof(double), "this ODE was built for single pr
 constexpr int kMostContacts = 8;
 constexpr double kSlipSpeed = 0.01;   // m/s, above which a contact slides: μ_d instead of μ_s
 constexpr double kBounceSpeed = 0.1;  // m/s, below which ODE's contacts do not bounce; g · 10 ms
-
-enum ShapeCode { kSphere, kBox, kCapsule };
-
-struct Request {
-  int n_simulations, n_objects, n_planes, n_steps;
-  bool auto_disable, boxes_roll;
-  double step;
-  std::array<double, 3> gravity;
-  const double *objects, *planes, *coefficients, *starts;
-};
-
-class Reader {
- public:
-  explicit Reader(const std::vector<double>& data) : data_(data) {}
-
-  const double* take(std::size_t count) {
-    if (next_ + count > data_.size()) throw std::runtime_error("the request is too short");
-    const double* at = data_.data() + next_;
-    next_ += count;
-    return at;
-  }
-  int integer() { return static_cast<int>(*take(1)); }
-  bool flag() { return *take(1) != 0.0; }
-  bool at_end() const { return next_ == data_.size(); }
-
- private:
-  const std::vector<double>& data_;
-  std::size_t next_ = 0;
-};
-
-Request parse(const std::vector<double>& data) {
-  Reader reader(data);
-  Request r{};
-  r.n_simulations = reader.integer();
-  r.n_objects = reader.integer();
-  r.n_planes = reader.integer();
-  r.n_steps = reader.integer();
-  r.auto_disable = reader.flag();
-  r.boxes_roll = reader.flag();
-  r.step = *reader.take(1);
-  const double* gravity = reader.take(3);
-  r.gravity = {gravity[0], gravity[1], gravity[2]};
-  const std::size_t objects = r.n_objects, planes = r.n_planes, simulations = r.n_simulations;
-  r.objects = reader.take(objects * 8);
-  r.planes = reader.take(planes * 4);
-  r.coefficients = reader.take(objects * (objects + planes) * 4);
-  r.starts = reader.take(simulations * objects * 13);
-  if (!reader.at_end()) throw std::runtime_error("the request is too long");
-  return r;
-}
 
 // One ODE world, used for all simulations of a request.
 class World {
@@ -96,7 +34,7 @@ class World {
         space_(dSimpleSpaceCreate(nullptr)),  // quicker than the hash space up to 20 objects
         contacts_(dJointGroupCreate(0)) {
     dWorldSetGravity(world_, request.gravity[0], request.gravity[1], request.gravity[2]);
-    dWorldSetAutoDisableFlag(world_, request.auto_disable);
+    dWorldSetAutoDisableFlag(world_, request.flags[0]);
     for (int i = 0; i < request.n_objects; ++i) add_object(i);
     for (int p = 0; p < request.n_planes; ++p) add_plane(p);
   }
@@ -197,7 +135,7 @@ class World {
       }
       surface.bounce = pair[3];
       surface.bounce_vel = kBounceSpeed;
-      if (pair[2] > 0.0 && (request_.boxes_roll || (round(a) && round(b)))) {
+      if (pair[2] > 0.0 && (request_.flags[1] || (round(a) && round(b)))) {
         surface.mode |= dContactRolling;
         surface.rho = pair[2];
       }
@@ -251,32 +189,13 @@ void stop_on_error(int number, const char* message, std::va_list arguments) {
   std::exit(1);
 }
 
-bool read_doubles(std::vector<double>& data) {
-  double length = 0;
-  if (std::fread(&length, sizeof length, 1, stdin) != 1) return false;
-  data.resize(static_cast<std::size_t>(length));
-  return std::fread(data.data(), sizeof(double), data.size(), stdin) == data.size();
-}
-
-void write_doubles(const std::vector<double>& data) {
-  const double length = static_cast<double>(data.size());
-  std::fwrite(&length, sizeof length, 1, stdout);
-  std::fwrite(data.data(), sizeof(double), data.size(), stdout);
-  std::fflush(stdout);
-}
-
 }  // namespace
 
 int main() {
   dInitODE2(0);
   dSetErrorHandler(stop_on_error);
   dSetMessageHandler(stop_on_error);
-  try {
-    for (std::vector<double> data; read_doubles(data);) write_doubles(answer(parse(data)));
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "%s\n", error.what());
-    return 1;
-  }
+  const int status = serve(answer);
   dCloseODE();
-  return 0;
+  return status;
 }

@@ -14,7 +14,10 @@ from benchmarks.results.result import Machine, Run
 
 REPOSITORY = Path(__file__).resolve().parents[2]  # whose commit is recorded
 # Python libraries whose versions are recorded where they are installed
-LIBRARIES = ("numpy", "scipy", "numba", "pybullet", "mujoco", "open3d", "pyransac3d", "dask")
+LIBRARIES = (
+    *("numpy", "scipy", "numba", "dask"),
+    *("pybullet", "mujoco", "rapier3d", "open3d", "pyransac3d"),
+)
 
 
 def started_run(name: str, arguments: Sequence[str]) -> Run:

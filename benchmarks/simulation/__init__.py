@@ -1,1 +1,1 @@
-"""Our simulators beside ODE, PyBullet and MuJoCo."""
+"""Our simulators beside other engines."""

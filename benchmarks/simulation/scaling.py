@@ -10,14 +10,13 @@ import numpy as np
 
 from benchmarks.peers.ode import Ode
 from benchmarks.peers.ours import NAMES, Ours
-from benchmarks.scenes import SCENES, SIMULATIONS, STEPS, thrown
+from benchmarks.scenes import MIXED, SCENES, SIMULATIONS, STEPS, thrown
 from benchmarks.timing import measure, typical_seconds
 
 BATCHES = (20, 200, 2000)  # numbers of simulations
 THREADS = (1, 2)  # numbers of threads, with which the largest batch is simulated
-OBJECTS = (1, 2, 5, 10, 20)  # numbers of objects
-# Kinds of objects that take turns, by the name of the series
-OBJECT_KINDS = {"spheres": ("sphere",), "mixed": ("sphere", "box", "capsule")}
+# Kinds of objects that take turns and their numbers, by the name of the series
+OBJECTS = {"spheres": (("sphere",), (1, 2, 5, 10, 20, 50)), "mixed": (MIXED, (1, 2, 5, 10, 20))}
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,10 @@ def scale_batches(repetitions: int, rng: np.random.Generator) -> Iterator[Scaled
 def scale_objects(instances: int, repetitions: int, rng: np.random.Generator) -> Iterator[Scaled]:
     """Yield times of OBJECTS objects in the room, ours and ODE's in turns."""
     engines = [*(Ours(name) for name in NAMES), Ode()]
-    for (scene, kinds), count in itertools.product(OBJECT_KINDS.items(), OBJECTS):
+    series = [
+        (scene, kinds, count) for scene, (kinds, counts) in OBJECTS.items() for count in counts
+    ]
+    for scene, kinds, count in series:
         thrown_kinds = [kinds[i % len(kinds)] for i in range(count)]
         measured = [
             measure(engines, thrown(thrown_kinds, rng), repetitions) for _ in range(instances)

@@ -16,7 +16,7 @@ class WorldStatus(IntEnum):
     - OK: it was simulated to the end.
     - NOT_FINITE: a position or velocity has become infinite or NaN.
     - TOO_MANY_EVENTS: event_driven has met more events than `max_events`, or something has hit
-      something more than 64 times for each body in one step of stepped.
+      something more than 512 times for each body in one step of stepped.
     - TOO_MANY_CONTACTS: an object touches more at once than an engine has room for: 12 planes and
       boxes in event_driven; in stepped 48 contact points for each object, in all.
     - TOO_FAST: stepped would need more than 4096 advances of a pair in a step to be sure that the

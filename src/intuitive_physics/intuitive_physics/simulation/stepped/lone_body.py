@@ -37,6 +37,7 @@ from intuitive_physics.simulation.stepped.motion import (
     place,
     plan_flight,
     plan_pressed,
+    turned_by,
     write_outputs,
 )
 from intuitive_physics.simulation.world_batch import CAPSULE, SPHERE
@@ -250,7 +251,7 @@ def step_lone_body(world, i, start, step, steps):
     place(body, duration)
     finish(body, duration)
     if body.kind == SPHERE and world.orientations != 0:
-        rotate(body, body.start_orientation, scaled(load(body.turning), duration))
+        rotate(body, body.start_orientation, turned_by(body, duration))
     return True
 
 

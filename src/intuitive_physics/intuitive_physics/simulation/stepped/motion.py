@@ -168,6 +168,18 @@ def finish(body, after):
     store(body.spin, turned(body, w))
 
 
+@fast_inlined
+def turned_by(body, after):
+    """Rotation vector (rad) of a body `after` (s) the start of its part of a step.
+
+    That of a sphere, whose moments of inertia are alike, is ω τ + α τ² / 2.
+    """
+    if body.kind != SPHERE:
+        return scaled(load(body.turning), after)
+    mean = 0.5 * after * body.own_inverse_inertia[0]
+    return scaled(add_scaled(load(body.start_spin), load(body.torque), mean), after)
+
+
 @kernel
 def write_outputs(world, i, start, after):
     """Write body i's outputs from time `start` up to `after` (s) later."""
@@ -176,13 +188,13 @@ def write_outputs(world, i, start, after):
     end = start + after + TIME_ROUNDING
     if k < world.output_count and output_time(world, k) <= end:
         position, velocity = load(body.start_position), load(body.path_velocity)
-        acceleration, turning = load(body.path_acceleration), load(body.turning)
+        acceleration = load(body.path_acceleration)
         while k < world.output_count and output_time(world, k) <= end:
             tau = output_time(world, k) - start
             moved = add_scaled(position, velocity, tau)
             moved = add_scaled(moved, acceleration, 0.5 * tau * tau)
             if world.orientations != 0 or body.off_centre == 1:
-                rotate(body, body.start_orientation, scaled(turning, tau))
+                rotate(body, body.start_orientation, turned_by(body, tau))
             if body.off_centre == 1:
                 set_rotation(body)
                 moved = sub(moved, turned(body, load(body.centre_offset)))

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from math import inf
 
-from intuitive_physics.geometry.vectors import add_scaled, load, norm, scaled, store
+from intuitive_physics.geometry.vectors import add_scaled, load, norm, store
 from intuitive_physics.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.rigid_bodies.poses import rotate
 from intuitive_physics.simulation.rigid_bodies.world import body_at, contact_at, member_at
 from intuitive_physics.simulation.rollout import NOT_CONVERGED, OK, TOO_FAST, TOO_MANY_EVENTS
 from intuitive_physics.simulation.stepped.collision import find_contacts, part_overlaps
-from intuitive_physics.simulation.stepped.contacts import STEADY, prepare, speed_along
+from intuitive_physics.simulation.stepped.contacts import (
+    STEADY,
+    prepare,
+    speed_along,
+    speed_at,
+)
 from intuitive_physics.simulation.stepped.impacts import IMPACT_GAP, rebound
 from intuitive_physics.simulation.stepped.motion import (
     LARGEST_TURN,
@@ -21,6 +26,7 @@ from intuitive_physics.simulation.stepped.motion import (
     place,
     plan_flight,
     plan_pressed,
+    turned_by,
     write_outputs,
 )
 from intuitive_physics.simulation.stepped.rest import sleep_if_at_rest
@@ -28,7 +34,7 @@ from intuitive_physics.simulation.stepped.solver import SWEEPS, solve, store_war
 from intuitive_physics.simulation.stepped.time_of_impact import first_closing
 from intuitive_physics.simulation.world_batch import SPHERE
 
-PARTS = 64
+PARTS = 512
 """Most impacts in a step for each body; a world with more stops, TOO_MANY_EVENTS."""
 
 MOST_TURNS = 1000
@@ -45,7 +51,10 @@ PRECISION = 5e-4
 """Change of speed that is worth another sweep, as a part of what falling adds in a step."""
 
 TOLERANCE = 20.0
-"""Change, in that precision, that is left where the search finds no end."""
+"""Change, in that precision, that is left where the search finds no end …"""
+
+SLIP_TOLERANCE = 5e-3
+"""… and as a part of the fastest speed at a contact: bodies that slide and jam."""
 
 SLOWEST_REBOUND = 1e-5
 """m/s. In a world without gravity, rebounds slower than this are none."""
@@ -122,7 +131,7 @@ def _move(world, i, start, after):
     finish(body, after)
     if body.kind == SPHERE and world.orientations != 0:
         # Nothing but the outputs asks for a sphere's orientation.
-        rotate(body, body.start_orientation, scaled(load(body.turning), after))
+        rotate(body, body.start_orientation, turned_by(body, after))
 
 
 @kernel
@@ -203,11 +212,14 @@ def _press(world, moving, count, duration):
         if body.pressed == 1:
             falling = free_acceleration(world, body, duration)
             store(body.velocity, add_scaled(load(body.velocity), falling, duration))
+    fastest = 0.0
     for c in range(count):
         if contact_at(world, c).active == 1:
+            fastest = max(fastest, norm(speed_at(world, contact_at(world, c))))
             warm_start(world, c, duration)
     precision = PRECISION * duration * world.gravity_size + 1e-9
-    if not solve(world, 0, count, SWEEPS, precision, TOLERANCE * precision):
+    tolerance = TOLERANCE * precision + SLIP_TOLERANCE * fastest
+    if not solve(world, 0, count, SWEEPS, precision, tolerance):
         world.status = NOT_CONVERGED
     _release(world, moving, count)
 

@@ -288,7 +288,7 @@ def test_tosses_that_tell_nothing_are_refused(toss_arrays):
 def test_a_lopsided_cube_is_predicted_better_with_its_centre_of_mass(toss_arrays):
     tosses = cube_tosses(toss_arrays(8, "stepped", mass_centre=(0.0, 0.006, 0.0)))
     plain, better = (
-        evaluate_tosses(tosses, ["stepped"], learning(60), 0.5, learn_mass_centre=learn)
+        evaluate_tosses(tosses, ["stepped"], learning(150), 0.5, learn_mass_centre=learn)
         for learn in (False, True)
     )
     assert plain.mass_centre is None

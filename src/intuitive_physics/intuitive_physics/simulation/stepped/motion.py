@@ -8,6 +8,8 @@ body in free flight keeps it to rounding, and its kinetic energy to fourth order
 
 from __future__ import annotations
 
+from math import sqrt
+
 from intuitive_physics.geometry.vectors import (
     add,
     add_scaled,
@@ -28,7 +30,7 @@ from intuitive_physics.simulation.rigid_bodies.poses import (
     set_rotation,
     turned,
 )
-from intuitive_physics.simulation.rigid_bodies.world import body_at, transposed_times
+from intuitive_physics.simulation.rigid_bodies.world import body_at, times, transposed_times
 from intuitive_physics.simulation.world_batch import SPHERE
 
 TIME_ROUNDING = 1e-12
@@ -166,6 +168,22 @@ def finish(body, after):
     local, inverse = transposed_times(body.rotation, momentum), load(body.own_inverse_inertia)
     w = local[0] * inverse[0], local[1] * inverse[1], local[2] * inverse[2]
     store(body.spin, turned(body, w))
+
+
+@kernel
+def keep_turning_energy(body, after):
+    """Let a body's spin, `after` (s) the start of its part of a step, have the energy of its motion.
+
+    Turning alone changes neither angular momentum L nor L · ω / 2, but a finite turn of a body of
+    unequal moments of inertia keeps only the first. The inverse inertia is that of the start.
+    """
+    if body.round == 1:
+        return
+    momentum = add_scaled(load(body.angular_momentum), load(body.torque), after)
+    kept = dot(momentum, times(body.inverse_inertia, momentum))
+    has = dot(momentum, load(body.spin))
+    if has > 0.0:
+        store(body.spin, scaled(load(body.spin), sqrt(kept / has)))
 
 
 @fast_inlined

@@ -23,6 +23,7 @@ from intuitive_physics.simulation.stepped.motion import (
     begin,
     finish,
     free_acceleration,
+    keep_turning_energy,
     place,
     plan_flight,
     plan_pressed,
@@ -129,6 +130,8 @@ def _move(world, i, start, after):
     write_outputs(world, i, start, after)
     place(body, after)
     finish(body, after)
+    if body.pressed == 1:
+        keep_turning_energy(body, after)
     if body.kind == SPHERE and world.orientations != 0:
         # Nothing but the outputs asks for a sphere's orientation.
         rotate(body, body.start_orientation, turned_by(body, after))

@@ -172,7 +172,7 @@ def finish(body, after):
 
 @kernel
 def keep_turning_energy(body, after):
-    """Let a body's spin, `after` (s) the start of its part of a step, have the energy of its motion.
+    """Let a body's spin have the energy of its motion, `after` (s) the start of its part of a step.
 
     Turning alone changes neither angular momentum L nor L · ω / 2, but a finite turn of a body of
     unequal moments of inertia keeps only the first. The inverse inertia is that of the start.

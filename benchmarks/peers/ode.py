@@ -11,7 +11,7 @@ class Ode(Engine):
     """Debian's ODE with its quick stepper and the full contact model.
 
     `auto_disable` lets bodies at rest sleep, at ODE's defaults. With `boxes_roll` boxes, too, have
-    rolling friction, as ODE users give it to all; ours gives it to round objects only.
+    rolling friction, as ours and as ODE users give it to all.
     """
 
     def __init__(self, *, auto_disable: bool = False, boxes_roll: bool = True) -> None:
@@ -25,7 +25,7 @@ class Ode(Engine):
             self.how = "the same with bodies at rest put to sleep, at ODE's defaults"
         if not boxes_roll:
             self.name += ", boxes do not roll"
-            self.how = "the same with rolling friction for round objects only, as in ours"
+            self.how = "the same with rolling friction for round objects only"
         self._flags = (auto_disable, boxes_roll)
 
     def prepare(self, instance: Instance, steps: int, time_step: float) -> Prepared:

@@ -39,7 +39,7 @@ class WorldBatch:
     volumes : (W, O) m³
     unit_inertias : (W, O, 3) kg m² at 1 kg/m³, inertia factor included
     inertia_ratios : (W, O) κ = I / (m r²) about the axis that an object rolls about: 2/5 for a
-        solid sphere, 2/3 for a thin shell; infinite for a box, which does not roll
+        solid sphere, 2/3 for a thin shell; infinite for a box, which has none
     object_materials : (W, O) codes
     states : (W, O, 13) as `ObjectState.to_vector`
     air_factors : (W, O, 2) ½ ρ C_d A (kg/m) and ½ ρ C_M A r (kg) of drag and Magnus force

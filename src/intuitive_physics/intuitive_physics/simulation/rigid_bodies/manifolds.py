@@ -25,6 +25,10 @@ from intuitive_physics.simulation.world_batch import CAPSULE
 PARALLEL = 0.05
 """Sine of the angle between capsules below which they touch at two points."""
 
+SAME_PLACE = 2e-3
+"""Part of a capsule's axis within which two of its points are one: of an axis l long and a radius
+r, distances there differ by (l / 500)² / 2 r at most, less than a micrometre."""
+
 UP = (0.0, 0.0, 1.0)
 """A direction for what has none: two centres at the same place."""
 
@@ -92,7 +96,7 @@ def meet_box(world, i, j, box, margin, count):
     for end in range(3):
         t = 0.5 * end
         if end == 1:
-            if nearest < 0.02 or nearest > 0.98:
+            if nearest < SAME_PLACE or nearest > 1.0 - SAME_PLACE:
                 continue
             t = nearest
         centre = add_scaled(start, span, t)

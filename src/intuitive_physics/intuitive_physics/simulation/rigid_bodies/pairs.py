@@ -25,6 +25,9 @@ from intuitive_physics.simulation.rigid_bodies.manifolds import meet_box, meet_r
 from intuitive_physics.simulation.rigid_bodies.world import body_at, clipped_polygon, column
 from intuitive_physics.simulation.world_batch import BOX
 
+SAME_GAP = 1e-6
+"""m. Gaps of faces and of edges that differ by less are one."""
+
 FACES_PREFERRED = 1e-3
 """m per m of size. An edge axis has to separate by so much more than a face to be taken."""
 
@@ -53,13 +56,15 @@ def meet_boxes(world, i, j, margin, count):
         if edge_gap < margin:
             count = _meet_edges(world, i, j, edges, edge_normal, edge_gap, count)
         return count, edge_gap
-    count, nearest = _meet_faces(world, i, j, best, normal, max(gap, edge_gap), margin, count)
-    if nearest < inf:
+    least = max(gap, edge_gap)
+    count, nearest = _meet_faces(world, i, j, best, normal, least, margin, count)
+    if nearest <= least + SAME_GAP:
         return count, nearest
-    # Faces that pass each other by have no corner in common: then two edges are nearest.
-    if edge_gap < margin:
-        count = _meet_edges(world, i, j, edges, edge_normal, edge_gap, count)
-    return count, edge_gap
+    # The corner that is nearest is beside the other box: then two edges meet.
+    if least < margin:
+        towards = edge_normal if edge_gap >= gap else normal
+        count = _meet_edges(world, i, j, edges, towards, least, count)
+    return count, least
 
 
 @kernel

@@ -35,6 +35,7 @@ from intuitive_physics.simulation.rigid_bodies.contact_points import (
     write_face,
 )
 from intuitive_physics.simulation.rigid_bodies.distance import PARALLEL_EDGES, span_along
+from intuitive_physics.simulation.rigid_bodies.manifolds import SAME_PLACE
 from intuitive_physics.simulation.rigid_bodies.poses import segment_end
 from intuitive_physics.simulation.rigid_bodies.world import (
     body_at,
@@ -49,9 +50,6 @@ FACE_PREFERRED = 1e-3
 
 ALONG = 1.0 - 1e-12
 """Cosine of what is along the plane's normal, but for rounding."""
-
-SAME_PLACE = 0.02
-"""Part of a capsule's axis within which two of its points are one."""
 
 PLANE_AXIS, FIRST_EDGE = -1, 3
 """Codes of axes: the plane's normal, 0 to 2 those of the box, then 3 for each edge of the plane."""

@@ -118,11 +118,9 @@ def test_a_search_that_a_pause_ends_leaves_no_process(nodes: Nodes, manager: Sui
     manager.pause(LEARNER)
     manager.spin_until(answer.done, "its end")
     assert answer.result().result.value == ResultCode.CANCELLED
-    manager.spin_for(0.5)
-    assert [*family(learner.pid)] == [learner.pid]
+    manager.spin_until(lambda: [*family(learner.pid)] == [learner.pid], "the end of its processes")
     manager.go_on(LEARNER)
-    manager.spin_for(0.5)
-    assert len(family(learner.pid)) == 2
+    manager.spin_until(lambda: len(family(learner.pid)) == 2, "a process that waits for searches")
 
 
 def test_perception_and_predictor_go_on_with_what_they_know(

@@ -217,7 +217,7 @@ def test_depths_of_pairs(one, other, expected):
 
 def test_crossed_edges_of_boxes_are_told_apart():
     # Two long beams, both on their edges, cross at right angles: only the cross product of their
-    # edges is an axis along which they are told apart.
+    # edges is an axis along which a gap between them shows.
     beam = np.array([0.05, 0.05, 1.0])
     turned = np.eye(3)
     turned[:2, :2] = np.array([[1, -1], [1, 1]]) / np.sqrt(2.0)

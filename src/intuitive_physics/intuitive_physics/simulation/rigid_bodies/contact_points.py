@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from intuitive_physics.geometry.clipping import clip
 from intuitive_physics.geometry.vectors import (
     add,
     add_scaled,
@@ -44,7 +45,38 @@ def write_contact(world, count, first, second, gap, normal, point):
 
 
 @kernel
-def write_face(world, body, axis, sign):
+def write_facing(world, box, direction):
+    """Write the face of a box that faces against a direction to the first clipped polygon."""
+    facing, steepest = 0, 0.0
+    for k in range(3):
+        slope = dot(direction, column(box.rotation, k))
+        if abs(slope) > abs(steepest):
+            facing, steepest = k, slope
+    _write_face(world, box, facing, 1.0 if steepest < 0.0 else -1.0)
+
+
+@kernel
+def clip_by_sides(world, box, axis, corners):
+    """Cut the first clipped polygon by the four sides of a box along its other two axes.
+
+    Returns the number of corners that are left, and the address of the polygon they make.
+    """
+    polygon, spare = clipped_polygon(world, 0), clipped_polygon(world, 1)
+    for turn in range(1, 3):
+        k = (axis + turn) % 3
+        along = column(box.rotation, k)
+        middle = dot(along, load(box.position))
+        for sign in range(2):
+            if corners > 0:
+                out = along if sign else scaled(along, -1.0)
+                limit = (middle if sign else -middle) + box.half_extents[k]
+                corners = clip(polygon, corners, out, limit, spare, world.clipped_room)
+                polygon, spare = spare, polygon
+    return corners, polygon
+
+
+@kernel
+def _write_face(world, body, axis, sign):
     """Write the four corners (m) of a box's face, in turn, to the first of the clipped polygons."""
     other, third = (axis + 1) % 3, (axis + 2) % 3
     out = scaled(column(body.rotation, axis), sign * body.half_extents[axis])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from math import inf
 
-from intuitive_physics.geometry.clipping import clip
 from intuitive_physics.geometry.closest_points import nearest_of_segments
 from intuitive_physics.geometry.vectors import (
     add_scaled,
@@ -16,13 +15,14 @@ from intuitive_physics.geometry.vectors import (
 )
 from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.rigid_bodies.contact_points import (
+    clip_by_sides,
     edge_towards,
     write_contact,
-    write_face,
+    write_facing,
 )
 from intuitive_physics.simulation.rigid_bodies.distance import separating_edges, separating_face
 from intuitive_physics.simulation.rigid_bodies.manifolds import meet_box, meet_rounded
-from intuitive_physics.simulation.rigid_bodies.world import body_at, clipped_polygon, column
+from intuitive_physics.simulation.rigid_bodies.world import body_at
 from intuitive_physics.simulation.world_batch import BOX
 
 SAME_GAP = 1e-6
@@ -88,24 +88,8 @@ def _meet_faces(world, i, j, best, normal, least, margin, count):
     axis = best % 3
     box, visitor = body_at(world, owner), body_at(world, guest)
     outward = scaled(normal, -1.0) if owner == i else normal
-    facing, steepest = 0, 0.0
-    for k in range(3):
-        slope = dot(outward, column(visitor.rotation, k))
-        if abs(slope) > abs(steepest):
-            facing, steepest = k, slope
-    write_face(world, visitor, facing, 1.0 if steepest < 0.0 else -1.0)
-    clipped, spare = clipped_polygon(world, 0), clipped_polygon(world, 1)
-    corners = 4
-    for turn in range(1, 3):
-        k = (axis + turn) % 3
-        along = column(box.rotation, k)
-        middle = dot(along, load(box.position))
-        for sign in range(2):
-            if corners > 0:
-                out = along if sign else scaled(along, -1.0)
-                limit = (middle if sign else -middle) + box.half_extents[k]
-                corners = clip(clipped, corners, out, limit, spare, world.clipped_room)
-                clipped, spare = spare, clipped
+    write_facing(world, visitor, outward)
+    corners, clipped = clip_by_sides(world, box, axis, 4)
     top = dot(outward, load(box.position)) + box.half_extents[axis]
     nearest = inf
     for k in range(corners):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from math import inf
 
-from intuitive_physics.geometry.clipping import clip, clip_by_edges
+from intuitive_physics.geometry.clipping import clip_by_edges
 from intuitive_physics.geometry.closest_points import (
     nearest_of_segments,
     nearest_on_polygon,
@@ -28,11 +28,11 @@ from intuitive_physics.geometry.vectors import (
 )
 from intuitive_physics.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.rigid_bodies.contact_points import (
-    GAP_ONLY,
+    clip_by_sides,
     edge_towards,
     lowest_corner,
     write_contact,
-    write_face,
+    write_facing,
 )
 from intuitive_physics.simulation.rigid_bodies.distance import PARALLEL_EDGES, span_along
 from intuitive_physics.simulation.rigid_bodies.manifolds import SAME_PLACE
@@ -95,7 +95,7 @@ def meet_sheet(world, i, p, margin, count):
         count = _plane_on_face(world, i, p, axis, normal, margin, count)
     else:
         return _meet_edges(world, i, p, axis, gap, normal, count), gap
-    if count == before and count != GAP_ONLY:
+    if count == before:
         # Its lowest face passes the plane by, and only its side reaches over the edge.
         lowest = lowest_corner(body, normal)
         point = nearest_on_polygon(
@@ -176,12 +176,7 @@ def _box_on_plane(world, i, p, least, margin, count):
     """
     body, plane = body_at(world, i), plane_at(world, p)
     n = load(plane.normal)
-    lowest, steepest = 0, 0.0
-    for k in range(3):
-        slope = dot(n, column(body.rotation, k))
-        if abs(slope) > abs(steepest):
-            lowest, steepest = k, slope
-    write_face(world, body, lowest, 1.0 if steepest < 0.0 else -1.0)
+    write_facing(world, body, n)
     polygon, spare = clipped_polygon(world, 0), clipped_polygon(world, 1)
     corners, polygon = clip_by_edges(
         polygon, 4, spare, world.clipped_room, plane.boundary, plane.corners, n
@@ -202,20 +197,9 @@ def _box_on_plane(world, i, p, least, margin, count):
 def _plane_on_face(world, i, p, axis, normal, margin, count):
     """The part of the plane that lies over a face of the box, pushed along that face's normal."""
     body, plane = body_at(world, i), plane_at(world, p)
-    polygon, spare = clipped_polygon(world, 0), clipped_polygon(world, 1)
-    corners = plane.corners
-    for k in range(corners):
-        put_vector(polygon, k, vector_at(plane.boundary, k))
-    for turn in range(1, 3):
-        k = (axis + turn) % 3
-        along = column(body.rotation, k)
-        middle = dot(along, load(body.position))
-        for sign in range(2):
-            if corners > 0:
-                out = along if sign else scaled(along, -1.0)
-                limit = (middle if sign else -middle) + body.half_extents[k]
-                corners = clip(polygon, corners, out, limit, spare, world.clipped_room)
-                polygon, spare = spare, polygon
+    for k in range(plane.corners):
+        put_vector(clipped_polygon(world, 0), k, vector_at(plane.boundary, k))
+    corners, polygon = clip_by_sides(world, body, axis, plane.corners)
     outward = scaled(normal, -1.0)
     top = dot(outward, load(body.position)) + body.half_extents[axis]
     for k in range(corners):

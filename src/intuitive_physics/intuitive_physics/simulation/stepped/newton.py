@@ -59,7 +59,7 @@ def newton_step(world, first, last):
 
 @kernel
 def change_impulses(world, rows, share):
-    """Apply a share of the step that was found last, of so many equations, once more."""
+    """Apply a share of the last step, the solution of so many equations, to the impulses."""
     for r in range(rows):
         _change_impulse(world, row_at(world, r), share * float_at(world.right, r))
 

@@ -98,9 +98,10 @@ def _step(world, first, last, halvings):
 
 @kernel
 def _sweep(world, first, last, sweeps, precision, share):
-    """Sweep until no speed is to change by more, or so many times; return the last change (m/s).
+    """Sweep until a sweep asks for no larger change of speed; return the last one (m/s).
 
-    Only a share of each change is made, of none to ask how far the impulses are from the laws.
+    There are at most `sweeps`. Only a share of each change is made: with a share of 0 the return
+    value tells how far the impulses are from the laws.
     """
     largest = 0.0
     for sweep in range(sweeps):

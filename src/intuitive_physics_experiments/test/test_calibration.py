@@ -33,8 +33,8 @@ from intuitive_physics_experiments.calibration.calibrate import (
 from intuitive_physics_experiments.calibration.observed_calibration import (
     calibrate_on_observations,
     fitted_scales,
-    observed_outcomes,
     free_flight_noise,
+    observed_outcomes,
     splits_of,
 )
 from intuitive_physics_experiments.calibration.options import CalibrationOptions

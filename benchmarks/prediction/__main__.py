@@ -48,7 +48,7 @@ class Effort:
     """What is measured, how long, in s, and how many throws."""
 
     scenes: tuple[str, ...]  # of which a node gets the true states
-    seen: tuple[str, ...]  # and of which it estimates them
+    estimated: tuple[str, ...]  # of which it estimates them
 
     steady: float  # each scene with 20 samples; memory has to be flat meanwhile
     trial: float  # each number of samples
@@ -64,7 +64,7 @@ class Effort:
 # For the results that are kept
 FULL = Effort(
     scenes=tuple(SCENES),
-    seen=tuple(SEEN),
+    estimated=tuple(SEEN),
     steady=300.0,
     trial=10.0,
     settling=SETTLING,
@@ -80,7 +80,7 @@ FULL = Effort(
 SMALL_SET = CalibrationOptions(throws=10, held_out=10, point_counts=(), samples=50, iterations=300)
 QUICK = Effort(
     scenes=("1_sphere",),
-    seen=("1_sphere_seen",),
+    estimated=("1_sphere_seen",),
     steady=4.0,
     trial=1.0,
     settling=0.5,
@@ -150,7 +150,7 @@ def measure(effort: Effort) -> Results:
     cores = sorted(os.sched_getaffinity(0))
     report_progress("constant work")
     loops = [watch_loops("nothing, before", effort.loop, cores)]
-    for name in (*effort.scenes, *effort.seen):
+    for name in (*effort.scenes, *effort.estimated):
         report_progress(f"{name}: 20 samples")
         with NodeUnderTest(Feed(name)) as node:
             runs[name] = run = node.run(effort.steady, effort.settling)

@@ -23,8 +23,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.geometry.path_differences import difference_weights, path_differences
 from intuitive_physics.observation import Detections, Observation, ObservedObject
-from intuitive_physics.path_differences import difference_weights, path_differences
 from intuitive_physics.state import POSITION
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner.search.identifiability import SMALLEST_NOISE

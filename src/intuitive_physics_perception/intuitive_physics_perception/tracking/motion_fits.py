@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.path_differences import difference_weights, path_differences
+from intuitive_physics.geometry.path_differences import difference_weights, path_differences
 
 MIN_POINTS = 3
 """Smallest number of points of a stretch."""

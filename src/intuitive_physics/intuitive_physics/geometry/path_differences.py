@@ -34,7 +34,10 @@ def difference_weights(times: NDArray[np.float64], order: int) -> NDArray[np.flo
 def path_differences(
     positions: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the differences (n - order, 3) in m of positions (n, 3) in m with these weights."""
+    """Return the differences (n - order, 3) in m of positions (n, 3) in m.
+
+    `weights` (n - order, order + 1) as of `difference_weights`.
+    """
     if not len(weights):
         return np.empty((0, positions.shape[1]))
     windows = sliding_window_view(positions, weights.shape[1], axis=0)

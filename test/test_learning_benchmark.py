@@ -33,6 +33,7 @@ from benchmarks.learning.scores import (
 )
 from benchmarks.learning.stream import StreamCost, growth
 from benchmarks.learning.stream import figures as stream_figures
+from benchmarks.learning.stream_start import Start
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -202,7 +203,8 @@ def test_change_counts_until_the_published_value_is_near():
 
 def test_stream_figures_have_null_for_what_was_not_measured():
     found = {100: StreamCost(100, (0.2, 0.4), 3.0, 250.0), 1000: None}
-    assert stream_figures(found, 1.5) == {
+    start = Start(100_000, 0.2, 0.1, 1.5, 200.0, 900.0)
+    assert stream_figures(found, start) == {
         "cpu_s_at": {"100": 0.3, "1000": None},
         "start_s_at_100000": 1.5,
         "rss_mb": 250.0,

@@ -5,15 +5,12 @@
 #   tools/bench_packages.sh pooltool    pooltool, 800 MB, in build/benchmarks/pooltool
 set -euo pipefail
 cd "$(dirname "$0")/.."
-package=libode-dev
+caller=benchmarks
+# shellcheck source=tools/debian_packages.sh
+source tools/debian_packages.sh
 environment=build/benchmarks/pooltool
 
 has_ode() { printf '#include <ode/ode.h>\n' | g++ -E -x c++ - > /dev/null 2>&1; }
-
-fail() {
-    printf 'benchmarks: %s\n' "$@" >&2
-    exit 1
-}
 
 # Its requirements are not those of .venv.
 bring_pooltool() {
@@ -30,21 +27,8 @@ bring_rapier() {
 
 bring_ode() {
     if has_ode; then return; fi
-    if ! command -v apt-get > /dev/null; then
-        fail "this machine lacks ODE, which Debian calls $package." \
-            "Install it, in double precision, with the machine's own package manager and try again."
-    fi
-    local root=()
-    if [ "$(id -u)" -ne 0 ]; then
-        sudo -n true 2> /dev/null || fail "this machine lacks $package. Bring it and try again:" \
-            "  sudo apt-get update && sudo apt-get install -y --no-install-recommends $package"
-        root=(sudo -n)
-    fi
-    echo "benchmarks: installing the system package $package"
-    "${root[@]}" apt-get update -qq
-    "${root[@]}" env DEBIAN_FRONTEND=noninteractive \
-        apt-get install -y -qq --no-install-recommends "$package" > /dev/null
-    has_ode || fail "there is no <ode/ode.h>, although apt-get did install $package"
+    bring libode-dev
+    has_ode || fail "there is no <ode/ode.h>, although apt-get did install libode-dev"
 }
 
 case "${1-}" in

@@ -3,6 +3,9 @@
 # On Debian and Ubuntu it installs what is missing where it may; else it says how to.
 set -euo pipefail
 python=${PYTHON:-python3}
+caller=set-up
+# shellcheck source=tools/debian_packages.sh
+source "$(dirname "$0")/debian_packages.sh"
 
 main() {
     check_machine
@@ -17,11 +20,6 @@ main() {
         fi
     fi
     check_python
-}
-
-fail() {
-    printf 'set-up: %s\n' "$@" >&2
-    exit 1
 }
 
 check_machine() {
@@ -65,23 +63,6 @@ sys.exit(not os.path.exists(sysconfig.get_path("include") + "/Python.h"))' 2> /d
         libX11.so.6:libx11-6 libudev.so.1:libudev1 libgomp.so.1:libgomp1; do
         grep -qF "${pair%%:*} " <<< "$libraries" || echo "${pair##*:}"
     done
-}
-
-bring() {
-    if ! command -v apt-get > /dev/null; then
-        fail "this machine lacks what Debian calls: $*" \
-            "Install it with the machine's own package manager and try again."
-    fi
-    local root=()
-    if [ "$(id -u)" -ne 0 ]; then
-        sudo -n true 2> /dev/null || fail "this machine lacks $*. Bring it and try again:" \
-            "  sudo apt-get update && sudo apt-get install -y --no-install-recommends $*"
-        root=(sudo -n)
-    fi
-    echo "set-up: installing system packages: $*"
-    "${root[@]}" apt-get update -qq
-    "${root[@]}" env DEBIAN_FRONTEND=noninteractive \
-        apt-get install -y -qq --no-install-recommends "$@" > /dev/null
 }
 
 main

@@ -45,7 +45,10 @@ CORES = 2  # that node, learner and benchmark share
 
 @dataclass(frozen=True)
 class Effort:
-    """How long is measured, in s, and how many throws."""
+    """What is measured, how long, in s, and how many throws."""
+
+    scenes: tuple[str, ...]  # of which a node gets the true states
+    estimated: tuple[str, ...]  # of which it estimates them
 
     steady: float  # each scene with 20 samples; memory has to be flat meanwhile
     trial: float  # each number of samples
@@ -53,24 +56,40 @@ class Effort:
     tries: int  # of each number that does not hold
     loop: float  # constant work, before and after the node
     synthetic_set: CalibrationOptions  # for coverage and scores
-    throws: int  # in each world that a camera sees
+    resting: int  # predictions of balls that rest
+    worlds: tuple[float, ...]  # that a camera sees, by their spin in rad/s
+    throws: int  # in each of them
 
 
 # For the results that are kept
 FULL = Effort(
+    scenes=tuple(SCENES),
+    estimated=tuple(SEEN),
     steady=300.0,
     trial=10.0,
     settling=SETTLING,
     tries=TRIES,
     loop=10.0,
     synthetic_set=CalibrationOptions(point_counts=()),
+    resting=500,
+    worlds=WORLDS,
     throws=120,
 )
 # For a first look; its set is too small to hold the bars for sure. Half of the throws are learned
 # from, so that each of the three materials is among them
-SMALL_SET = CalibrationOptions(throws=30, held_out=40, point_counts=(), samples=50)
+SMALL_SET = CalibrationOptions(throws=10, held_out=10, point_counts=(), samples=50, iterations=300)
 QUICK = Effort(
-    steady=4.0, trial=1.0, settling=0.5, tries=1, loop=2.0, synthetic_set=SMALL_SET, throws=8
+    scenes=("1_sphere",),
+    estimated=("1_sphere_seen",),
+    steady=4.0,
+    trial=1.0,
+    settling=0.5,
+    tries=1,
+    loop=2.0,
+    synthetic_set=SMALL_SET,
+    resting=50,
+    worlds=WORLDS[:1],
+    throws=8,
 )
 
 PARTS = ("node", "camera")  # can be measured alone
@@ -104,7 +123,7 @@ def run(options: argparse.Namespace) -> Outcome:
         figures |= key_figures(results)
         missed += complaints(results)
     if "camera" in wanted:
-        worlds = see_worlds(effort.throws, options.first_seed)
+        worlds = see_worlds(effort.worlds, effort.throws, options.first_seed)
         shown += [camera_table(worlds), coverage_table(worlds)]
         figures["camera"] = camera_figures(worlds)
         missed += camera_complaints(worlds)
@@ -116,13 +135,13 @@ def run(options: argparse.Namespace) -> Outcome:
     )
 
 
-def see_worlds(throws: int, first_seed: int) -> dict[float, JudgedWorld]:
-    """Judge predictions in each of the camera's worlds, side by side, by their spin in rad/s."""
+def see_worlds(spins: Sequence[float], throws: int, first_seed: int) -> dict[float, JudgedWorld]:
+    """Judge predictions in worlds that a camera sees, side by side, by their spin in rad/s."""
     report_progress(f"the camera's worlds, {throws} throws each")
-    seeds = range(first_seed, first_seed + len(WORLDS))
+    seeds = range(first_seed, first_seed + len(spins))
     with ProcessPoolExecutor(CORES, mp_context=get_context("spawn")) as pool:
-        judged = pool.map(judge_world, WORLDS, repeat(throws), seeds)
-        return dict(zip(WORLDS, judged, strict=True))
+        judged = pool.map(judge_world, spins, repeat(throws), seeds)
+        return dict(zip(spins, judged, strict=True))
 
 
 def measure(effort: Effort) -> Results:
@@ -131,21 +150,21 @@ def measure(effort: Effort) -> Results:
     cores = sorted(os.sched_getaffinity(0))
     report_progress("constant work")
     loops = [watch_loops("nothing, before", effort.loop, cores)]
-    for name in (*SCENES, *SEEN):
+    for name in (*effort.scenes, *effort.estimated):
         report_progress(f"{name}: 20 samples")
         with NodeUnderTest(Feed(name)) as node:
-            runs[name] = run = node.run(effort.steady)
+            runs[name] = run = node.run(effort.steady, effort.settling)
         report_progress(f"{name}: {run.rate:.1f} Hz, 99 % within {run.latency_p99:.1f} ms")
-    for name in SCENES:
+    for name in effort.scenes:
         report_progress(f"{name}: how many samples hold 100 Hz")
         with NodeUnderTest(Feed(name), published_samples=MOST_PUBLISHED) as node:
             most[name] = largest_sample_count(node, effort.trial, effort.settling, effort.tries)
         report_progress(f"{name}: {most[name]} samples")
     loops.append(watch_loops("nothing, after", effort.loop, cores))
     report_progress("other engines alone")
-    peers = peer_times(SCENES)
+    peers = peer_times({name: SCENES[name] for name in effort.scenes})
     report_progress("samples below a surface")
-    below = samples_below_a_surface()
+    below = samples_below_a_surface(effort.resting)
     report_progress("coverage and scores")
     calibrated = calibrate_on_paper_set(effort.synthetic_set).summary()
     return Results(
@@ -156,6 +175,7 @@ def measure(effort: Effort) -> Results:
         throws=effort.synthetic_set.throws,
         coverage_90=calibrated["coverage_90"],
         score_ratio=calibrated["energy_score_vs_best_baseline"],
+        resting=effort.resting,
         below=below,
     )
 

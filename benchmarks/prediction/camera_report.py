@@ -143,9 +143,9 @@ def camera_complaints(worlds: Worlds) -> list[str]:
     """Return the bars that were missed."""
     missed = []
     for name, bars in MOST_OVER_KNOWN.items():
-        for spin, most in bars.items():
-            ratio = _ratio(worlds[spin].moments[name], KNOWN_SPIN, 1.0)
-            if ratio is not None and ratio > most:
+        for spin, world in worlds.items():
+            ratio = _ratio(world.moments[name], KNOWN_SPIN, 1.0)
+            if ratio is not None and ratio > bars[spin]:
                 missed.append(f"{name} of world_{spin:g}: error {ratio:.2f} of the known spin's")
     for spin, world in worlds.items():
         ratio = _ratio(world.patterned, KNOWN_SPIN, 1.0)

@@ -6,7 +6,6 @@ from dataclasses import astuple, dataclass
 from typing import Any
 
 from benchmarks.prediction.node import HOLDS, MOST_PUBLISHED, Run
-from benchmarks.prediction.surfaces import PREDICTIONS
 from benchmarks.results.result import Cell, Column, Table
 from benchmarks.steady_loop import RATE, WORK, Lateness
 
@@ -30,7 +29,8 @@ class Results:
     # Largest over the times ahead of the mean energy score over that of the best baseline; below 1
     # ours is better than all of them at all times
     score_ratio: float
-    below: int  # samples of predictions of resting balls that are below a surface
+    resting: int  # predictions of resting balls
+    below: int  # samples of those that are below a surface
 
 
 def tables(results: Results) -> list[Table]:
@@ -142,7 +142,7 @@ def _truth_table(results: Results) -> Table:
         remarks=[
             "Energy score over that of the best baseline, at the horizon where it is worst: "
             f"{results.score_ratio:.3f}",
-            f"Samples below a surface, of {PREDICTIONS} predictions of balls that rest on or lie "
-            f"next to one: {results.below}",
+            f"Samples below a surface, of {results.resting} predictions of balls that rest on or "
+            f"lie next to one: {results.below}",
         ],
     )

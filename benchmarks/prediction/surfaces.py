@@ -16,7 +16,6 @@ from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noisy_newton import PreparedScene
 from intuitive_physics_predictor.outside import objects_inside
 
-PREDICTIONS = 500  # predictions, each of states with other errors
 # m: half the edge of the table, the height of its two walls, and the radius of the balls
 HALF_TABLE, WALL_HEIGHT, RADIUS = 0.5, 0.5, 0.03
 # m, rad, m/s and rad/s, standard deviations of a perceived state on each axis
@@ -27,10 +26,11 @@ HORIZON, TIME_STEP = 1.0, 0.05  # s predicted ahead, and between its times
 SEED = 5  # of the perceived states and of the samples
 
 
-def samples_below_a_surface(predictions: int = PREDICTIONS) -> int:
+def samples_below_a_surface(predictions: int) -> int:
     """Count samples that begin inside a surface or are behind one they are over at any time.
 
-    Balls lie on a table with edges, at and between its two walls, at its edge, and on a box.
+    Each prediction is of states with other errors. Balls lie on a table with edges, at and between
+    its two walls, at its edge, and on a box.
     """
     rng = np.random.default_rng(SEED)
     environment = _table_with_walls()

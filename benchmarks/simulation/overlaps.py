@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Overlaps:
-    """Of W scenes: deepest overlaps (W,) m, and pairs that pass through each other (W,)."""
+    """Deepest overlaps (W,) m of W scenes, and pairs that pass through each other (W,)."""
 
     in_planes: Array
     in_objects: Array

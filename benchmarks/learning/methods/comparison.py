@@ -41,7 +41,7 @@ class Effort:
 
 # For results that are kept
 FULL = Effort((4.0, 20.0, 60.0), (500, 150, 60), (0, 200, 100), 10.0, 5.0)
-QUICK = Effort((2.0, 4.0, 4.0), (50, 15, 8), (0, 10, 0), 2.0, 1.0)  # for a first look
+QUICK = Effort((1.0, 2.0, 2.0), (20, 5, 3), (0, 4, 0), 1.0, 1.0)  # for a first look
 LONG_COMPARED = ("cma_es", *FURTHER_RULES)  # rules that are compared over many more iterations
 
 

@@ -151,7 +151,7 @@ def coefficients(mu=0.5, mu_s=None, mu_r=0.0, e=0.0, density=500.0) -> StaticPar
 
 @dataclass(frozen=True)
 class Motion:
-    """Of each object: position, velocity (n, 3), orientation (n, 4), angular velocity (n, 3)."""
+    """Position, velocity (n, 3), orientation (n, 4), angular velocity (n, 3) of each object."""
 
     position: np.ndarray
     velocity: np.ndarray

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from intuitive_physics.shapes import Sphere
+from intuitive_physics.shapes import Box, Sphere
 
 from .laws_scenes import STEPPED, Body, G, coefficients, make_scene
 
@@ -73,3 +73,37 @@ def test_a_spinning_ball_that_the_floor_drives_at_another_one_does_not_pass_it(s
     # 2/7 r ω or more of rolling: it has been there, and has pushed.
     arrives = np.sqrt(2.0 * height / G) + 2.0 * apart / (2.0 / 7.0 * R * spin)
     assert arrives > times[-1] or path[1, -1, 0] > apart + 1e-3
+
+
+@given(speed=st.floats(0.5, 5.0), count=st.integers(2, 4))
+def test_balls_that_sleep_side_by_side_pass_on_the_blow(speed, count):
+    # Equal masses, e = 1, without friction: the last of a row that touches leaves with the speed
+    # of the first. (That sleep, and so touch, has a tenth of a second to come about.)
+    apart = 0.1 * speed + 4.0 * R
+    row = [Body(Sphere(R), (apart + 2.0 * R * k, 0.0, R)) for k in range(count)]
+    scene = make_scene(Body(Sphere(R), (0.0, 0.0, R), velocity=(speed, 0.0, 0.0)), *row)
+    meeting = (apart - 2.0 * R) / speed
+    path = STEPPED.path(scene, coefficients(mu=0.0, e=1.0), [0.5 * meeting, 2.0 * meeting])
+    np.testing.assert_allclose(path[1:, 0, 0], apart + 2.0 * R * np.arange(count), atol=1e-4)
+    np.testing.assert_allclose(path[-1, 1, 0] - row[-1].position[0], meeting * speed, rtol=2e-2)
+
+
+@given(
+    place=st.tuples(*[st.floats(-0.4, 0.4)] * 2),
+    velocity=st.tuples(*[st.floats(-3.0, 3.0)] * 3),
+    spin=st.tuples(*[st.floats(-20.0, 20.0)] * 3),
+)
+def test_what_happens_far_away_changes_nothing(place, velocity, spin):
+    pair = [
+        Body(Box((0.2, 0.1, 0.1)), (*place, 0.6), velocity=velocity, spin=spin),
+        Body(Sphere(R), (0.0, 0.0, R)),
+    ]
+    far = [
+        Body(Box((0.1, 0.1, 0.1)), (40.0, 0.0, 0.5), velocity=(1.0, 0.0, 0.0)),
+        Body(Sphere(R), (40.3, 0.0, R)),
+    ]
+    times = np.linspace(0.1, 1.5, 15)
+    theta = coefficients(mu=0.4, e=0.5)
+    alone = STEPPED.path(make_scene(*pair), theta, times)
+    beside = STEPPED.path(make_scene(*pair, *far), theta, times)
+    np.testing.assert_allclose(beside[:2], alone, atol=1e-12)

@@ -245,7 +245,7 @@ def test_nothing_small_and_fast_passes_a_thin_ground(engine, body, ground):
 
 
 HALF = Plane("half", "ground", (0, 0, 1), 0.0, [(-9, -9, 0), (0, -9, 0), (0, 9, 0), (-9, 9, 0)])
-"""Of the plane z = 0 the half x < 0."""
+"""The half x < 0 of the plane z = 0."""
 
 
 @pytest.mark.parametrize("height", [0.1, 0.5, 0.9])

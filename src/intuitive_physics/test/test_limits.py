@@ -4,17 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from intuitive_physics.errors import UnsupportedSceneError
+from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
-from intuitive_physics.shapes import Box, Sphere
-from intuitive_physics.simulation import WorldStatus
+from intuitive_physics.shapes import Box, Capsule, Sphere
+from intuitive_physics.simulation import WorldStatus, pack_worlds
 from intuitive_physics.simulation.event_driven.world import MOST_TOUCHED
+from intuitive_physics.simulation.rigid_bodies.overlaps import pushed_out
 from intuitive_physics.simulation.rigid_bodies.world import CONTACTS_A_BODY, MOST_PLANES
 from intuitive_physics.state import ObjectState
 
-from .laws_scenes import EVENT_DRIVEN, FLOOR, STEPPED, Body, coefficients, make_scene
+from .laws_scenes import (
+    EVENT_DRIVEN,
+    FLOOR,
+    STEPPED,
+    Body,
+    coefficients,
+    make_scene,
+    quaternion,
+)
 
 TIMES = np.linspace(0.1, 1.0, 10)
 RADIUS = 0.05
@@ -110,3 +122,42 @@ def test_a_table_may_have_many_corners():
     positions, orientations = STEPPED.poses(scene, coefficients(), TIMES)
     np.testing.assert_allclose(positions[0] - (0, 0, 0.05), 0.0, atol=1e-4)
     np.testing.assert_allclose(np.abs(orientations[0, :, 3]), 1.0, atol=1e-6)
+
+
+BEHIND = {
+    "sphere": Body(Sphere(RADIUS), (0, 0, -0.02)),
+    "box": Body(Box((0.2, 0.1, 0.1)), (0, 0, -0.01), quaternion((0.3, 0.2, 0.1))),
+    "capsule": Body(Capsule(0.03, 0.1), (0.1, 0, -0.02), quaternion((0.0, 0.4, 0.0))),
+    "over the edge": Body(Box((0.2, 0.1, 0.1)), (0.55, 0, -0.03)),
+}
+
+
+@pytest.mark.parametrize(
+    ("engine", "name"), [(EVENT_DRIVEN, "sphere"), *((STEPPED, name) for name in BEHIND)], ids=str
+)
+def test_what_begins_behind_a_bounded_plane_is_a_status_or_is_pushed_out(engine, name):
+    body = BEHIND[name]
+    worlds = pack_worlds([make_scene(body, planes=[sheet(0)]), FALLING], coefficients(e=0.0))
+    fallen = engine.simulator.rollout_batch(worlds, TIMES)
+    assert fallen.status.tolist() == [WorldStatus.BEHIND_PLANE, WorldStatus.OK]
+    assert np.isnan(fallen.positions[0]).all()
+    assert np.isfinite(fallen.positions[1]).all()
+    held = engine.simulator.rollout_batch(worlds, TIMES, push_out=True)
+    assert held.status.tolist() == [WorldStatus.OK, WorldStatus.OK]
+    # The one over the edge may tilt, and falls off the table then.
+    if abs(body.position[0]) < 0.5:
+        assert (held.positions[0, 0, :, 2] > 0.0).all()
+
+
+@given(height=st.floats(-0.3, 0.3), turn=st.tuples(*[st.floats(-3.0, 3.0)] * 3))
+def test_what_is_pushed_out_touches_the_plane_from_its_front_or_is_behind_it(height, turn):
+    shape = Box((0.3, 0.2, 0.1))
+    scene = make_scene(Body(shape, (0, 0, height), quaternion(turn)), planes=[sheet(0)])
+    worlds = pack_worlds([scene], coefficients())
+    out = pushed_out(worlds)
+    axes = rotation_matrix(np.array(quaternion(turn)))
+    reach = 0.5 * np.abs(axes[2]) @ np.array(shape.edge_lengths)
+    expected = height
+    if -reach < height <= 0.0:
+        expected = reach if height > -0.5 * reach else -reach
+    assert out.states[0, 0, 2] == pytest.approx(expected, abs=1e-8)

@@ -20,12 +20,12 @@ SIZE = parameter_count(2)
 NAMES = parameter_names(MATERIALS)
 UNIFORM = 12**-0.5
 LEAST_P = 1e-3
-"""Of right draws one in a thousand has a smaller p in a test of Kolmogorov and Smirnov; seeds are
-fixed."""
+"""Smallest p in a test of Kolmogorov and Smirnov: one in a thousand right draws has a smaller one;
+seeds are fixed."""
 
 
 def posterior(rows, mean=0.5, intervals=None) -> ParameterPosterior:
-    """Of rows of F that are given in their first columns; ends by column."""
+    """The posterior of rows of F, of which the first columns are given; ends by column."""
     factor = np.zeros((len(rows), SIZE))
     for row, values in zip(factor, rows, strict=True):
         row[: len(values)] = values

@@ -33,8 +33,8 @@ from intuitive_physics_experiments.calibration.calibrate import (
 from intuitive_physics_experiments.calibration.observed_calibration import (
     calibrate_on_observations,
     fitted_scales,
+    free_flight_noise,
     observed_outcomes,
-    position_noise,
     splits_of,
 )
 from intuitive_physics_experiments.calibration.options import CalibrationOptions
@@ -146,7 +146,7 @@ def test_noise_of_a_bouncing_track_is_seen(sigma):
     track = Trajectory(times, positions + rng.normal(0.0, sigma, positions.shape))
     # Sevens overlap, so some forty independent ones hold no bounce: 1/√(2 · 12 · 40) = 3 %. Bounces
     # below the noise, near the end, count as noise.
-    assert sigma * 0.85 < position_noise(track) < sigma * 1.2
+    assert sigma * 0.85 < free_flight_noise(track) < sigma * 1.2
 
 
 @pytest.fixture(scope="module")
@@ -172,7 +172,7 @@ def test_stated_noise_of_a_track_that_bounces_often_gets_its_factor():
         roots = np.diag([0.001, 0.001, 0.003])
         noisy = positions + 1.5 * rng.standard_normal(positions.shape) @ roots
         stated = np.broadcast_to(roots @ roots, (len(times), 3, 3))
-        factors.append(position_noise(Trajectory(times, noisy), stated))
+        factors.append(free_flight_noise(Trajectory(times, noisy), stated))
     # Each track shows its factor to about 10 %, twelve of them to 3 %; bounces below the noise
     # count as noise.
     assert np.mean(factors) == pytest.approx(1.5, rel=0.12)

@@ -75,7 +75,7 @@ CLUTTER = (
 
 
 def place_at(time: float) -> np.ndarray:
-    """Of the ball in the world, m, until it comes to the floor: p0 + v t - g t²/2."""
+    """Position (m) of the ball in the world until it comes to the floor: p0 + v t - g t²/2."""
     return START + VELOCITY * time - [0.0, 0.0, 0.5 * 9.81 * time**2]
 
 

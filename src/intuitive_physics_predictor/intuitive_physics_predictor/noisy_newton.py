@@ -221,12 +221,14 @@ def predict_sampled(
 ) -> TrajectoryDistribution:
     """Predict from samples that were drawn of a scene, the same to the bit as `predict`.
 
+    What reaches through a bounded plane from behind is moved out of it.
+
     Parameters
     ----------
     worlds : samples of the scene
     times : (n_times,) s after the states, strictly increasing, none negative
     """
-    rollout = simulator.rollout_batch(worlds, times, orientations=orientations)
+    rollout = simulator.rollout_batch(worlds, times, orientations=orientations, push_out=True)
     ended = rollout.status == WorldStatus.OK
     if not ended.any():
         raise PredictionFailedError(

@@ -45,9 +45,8 @@ from intuitive_physics.geometry.vectors import (
 )
 from intuitive_physics.kernels import entry, kernel
 from intuitive_physics.simulation.noisy_impacts import FIRST_MIX, GOLDEN, SECOND_MIX
-from intuitive_physics.simulation.rigid_bodies.contact_points import GAP_ONLY
+from intuitive_physics.simulation.rigid_bodies.distance import separation
 from intuitive_physics.simulation.rigid_bodies.overlaps import is_on_sheet
-from intuitive_physics.simulation.rigid_bodies.pairs import meet
 from intuitive_physics.simulation.rigid_bodies.placing import place_environment, place_shape
 from intuitive_physics.simulation.rigid_bodies.planes import separation_from_plane
 from intuitive_physics.simulation.rigid_bodies.poses import set_rotation, support
@@ -356,8 +355,7 @@ def _gap_between(world: Any, i: Any, j: Any) -> Any:
     apart = sub(load(one.position), load(other.position))
     if dot(apart, apart) >= reach * reach:
         return inf
-    _, gap = meet(world, i, j, 0.0, GAP_ONLY)
-    return gap
+    return separation(world, i, j)[0]
 
 
 @kernel

@@ -107,7 +107,7 @@ def detection(time, position, bias=0.0):
 
 
 NOTHING = Detections([-1.0], np.zeros((1, 3)), np.eye(3)[None], np.zeros((3, 3)))
-"""Of before the beginning."""
+"""Detections before the beginning."""
 
 
 def estimate_of(around, frames):

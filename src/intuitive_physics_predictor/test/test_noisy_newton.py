@@ -250,10 +250,22 @@ def test_invalid_prediction_is_refused():
         predict(box_scene(), THETA, [1.0], rng=rng, simulator=make_simulator("event_driven"))
 
 
+@pytest.mark.parametrize(("height", "falls"), [(-0.01, False), (-0.04, True)])
+def test_a_ball_perceived_in_a_table_top_does_not_end_the_prediction(height, falls):
+    # It is held if its centre is behind by less than half a radius, else it is below and falls.
+    corners = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
+    table = Environment([Plane("table", "floor", (0, 0, 1), 0.0, corners)])
+    state = ObjectState((0, 0, height), covariance=np.eye(12) * 1e-8)
+    scene = Scene(table, (SceneObject("ball", "ball", Sphere(0.05)),), (state,))
+    predicted = predict(scene, THETA, [0.5], rng=np.random.default_rng(1), sample_count=20)
+    assert predicted.failed_count == 0
+    assert ((predicted.positions[..., 2] < -0.5) == falls).all()
+
+
 class HalfFails:
     """Simulator in which every second world fails."""
 
-    def rollout_batch(self, worlds, times, *, orientations=False):
+    def rollout_batch(self, worlds, times, *, orientations=False, push_out=False):
         rollout = make_simulator("auto").rollout_batch(worlds, times, orientations=orientations)
         status = rollout.status.copy()
         status[::2] = WorldStatus.NOT_FINITE

@@ -1,4 +1,4 @@
-"""Of a topic on which nothing arrives it is said who publishes what, once in a while."""
+"""Where nothing arrives on a topic, it is said once in a while who publishes what."""
 
 from __future__ import annotations
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.simulation.rollout import OutputArrays, Rollout
+from intuitive_physics.simulation.rigid_bodies.overlaps import behind_planes
+from intuitive_physics.simulation.rollout import OutputArrays, Rollout, WorldStatus
 from intuitive_physics.simulation.shares import ThreadScratch, run_in_shares
 from intuitive_physics.simulation.simulator import Simulator
 from intuitive_physics.simulation.world_batch import WorldBatch
@@ -58,6 +59,9 @@ class KernelSimulator(Simulator):
             self.kernel(first, last, arrays, results, scratch, self._kernel_option)
 
         run_in_shares(roll, count, self.threads, self.smallest_share)
+        behind = behind_planes(worlds)
+        outputs.status[behind] = WorldStatus.BEHIND_PLANE
+        outputs.positions[behind], outputs.orientations[behind] = np.nan, np.nan
         turned = outputs.orientations if orientations else None
         return Rollout(outputs.positions, turned, outputs.status)
 

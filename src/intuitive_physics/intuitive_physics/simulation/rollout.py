@@ -24,6 +24,8 @@ class WorldStatus(IntEnum):
     - STOPPED: the simulation was ended by its flag.
     - NOT_CONVERGED: stepped has not found forces or impulses that obey the laws at all contacts of
       bodies that touch one another.
+    - BEHIND_PLANE: an object begins with its centre behind a bounded plane through which it
+      reaches. The plane holds only what is in front of it; see `Simulator.rollout_batch`.
     """
 
     OK = 0
@@ -33,9 +35,10 @@ class WorldStatus(IntEnum):
     TOO_FAST = 4
     STOPPED = 5
     NOT_CONVERGED = 6
+    BEHIND_PLANE = 7
 
 
-OK, NOT_FINITE, TOO_MANY_EVENTS, TOO_MANY_CONTACTS, TOO_FAST, STOPPED, NOT_CONVERGED = map(
+OK, NOT_FINITE, TOO_MANY_EVENTS, TOO_MANY_CONTACTS, TOO_FAST, STOPPED, NOT_CONVERGED, _ = map(
     int, WorldStatus
 )
 """Each `WorldStatus` as kernels write it."""

@@ -43,6 +43,7 @@ class Simulator(ABC):
         times: ArrayLike,
         *,
         orientations: bool = True,
+        push_out: bool = False,
     ) -> Rollout:
         """Simulate each scene from its initial states.
 
@@ -52,6 +53,7 @@ class Simulator(ABC):
         static_parameters : one θ_s for all scenes or one for each
         times : (n_times,) s after the initial states, strictly increasing, none negative
         orientations : whether to answer orientations too
+        push_out : whether to move objects out of bounded planes, as in `rollout_batch`
 
         Raises
         ------
@@ -67,10 +69,15 @@ class Simulator(ABC):
 
         worlds = pack_worlds(scenes, static_parameters)
         check_overlaps(scenes, worlds)
-        return self.rollout_batch(worlds, times, orientations=orientations)
+        return self.rollout_batch(worlds, times, orientations=orientations, push_out=push_out)
 
     def rollout_batch(
-        self, worlds: WorldBatch, times: ArrayLike, *, orientations: bool = True
+        self,
+        worlds: WorldBatch,
+        times: ArrayLike,
+        *,
+        orientations: bool = True,
+        push_out: bool = False,
     ) -> Rollout:
         """Like `rollout`, for worlds that are packed already and may overlap at the start.
 
@@ -78,6 +85,10 @@ class Simulator(ABC):
         ----------
         times : (n_times,) for all worlds, or (n_worlds, n_times), a row for each; a row may end
             in NaN, where no output is wanted
+        push_out : whether to move objects that reach through a bounded plane from behind along its
+            normal: until they touch the plane from its front, if their centre is behind it by less
+            than half of the length that they reach along the normal, else until they are behind.
+            Otherwise our engines end such worlds as BEHIND_PLANE.
 
         Raises
         ------
@@ -94,6 +105,11 @@ class Simulator(ABC):
                 "set their noise to 0 or use the simulator auto, event_driven or stepped"
             )
         checked = _checked_times(times, worlds.size)
+        if push_out:
+            # Imported late: Numba takes a moment.
+            from intuitive_physics.simulation.rigid_bodies.overlaps import pushed_out
+
+            worlds = pushed_out(worlds)
         rollout = self._rollout(worlds, checked, orientations)
         self.stop_flag.check()
         return rollout

@@ -82,14 +82,16 @@ def point_noise(observed_object: ObservedObject) -> PointNoise:
     """
     trajectory, detections = observed_object.trajectory, observed_object.detections
     if detections is None:
-        variance = max(position_noise(trajectory), SMALLEST_NOISE) ** 2
+        variance = max(free_flight_noise(trajectory), SMALLEST_NOISE) ** 2
         every = np.broadcast_to(variance * np.eye(3), (len(trajectory), 3, 3))
         return PointNoise(every, SYSTEMATIC**2 * np.eye(3))
-    factor = position_noise(trajectory, detections.covariances) or 1.0
+    factor = free_flight_noise(trajectory, detections.covariances) or 1.0
     return PointNoise(factor**2 * detections.covariances, detections.bias)
 
 
-def position_noise(trajectory: Trajectory, covariances: NDArray[np.float64] | None = None) -> float:
+def free_flight_noise(
+    trajectory: Trajectory, covariances: NDArray[np.float64] | None = None
+) -> float:
     """Standard deviation of the noise of positions, in m on each axis; 0 where it is unknown.
 
     Estimated from how far seven points in a row lie from a parabola. Where a ball bounces high, a

@@ -4,14 +4,10 @@ An observed position is the true one plus an error of its own, with the covarian
 times a factor s² of its track, plus one error that all points of the object share. C is what the
 detections carry; where an observation has none, it is the identity and s a length.
 
-The factor is found without a model of the motion. At any four times t_k the weights
-
-    w_k ∝ 1 / ∏_{j≠k} (t_k - t_j),    Σ w_k² = 1
-
-(those of the third divided difference) annul parabolas, so free flight and uniform motion vanish in
-Σ w_k x_k and the noise is left with its own variance. The median of their lengths passes over
-contacts and outliers. A track of few points says little of its noise, so its variance is averaged
-with that of all tracks.
+The factor is found without a model of the motion: free flight and uniform motion vanish in the
+third differences of a track (`path_differences`), and the noise is left with its own variance. The
+median of their lengths passes over contacts and outliers. A track of few points says little of its
+noise, so its variance is averaged with that of all tracks.
 
 Differences of a track that was smoothed say nothing of its error. White noise has a correlation of
 -3/4 between neighbouring differences, which therefore have the same sign with the probability
@@ -27,6 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.geometry.path_differences import difference_weights, path_differences
 from intuitive_physics.observation import Detections, Observation, ObservedObject
 from intuitive_physics.state import POSITION
 from intuitive_physics.trajectory import Trajectory
@@ -119,15 +116,8 @@ def _unit_whitening(track: ObservedObject) -> NDArray[np.float64]:
 
 def _differences(track: ObservedObject) -> NDArray[np.float64]:
     """Third differences (n - 3, 3) in m, normed so that they have the variance of the noise."""
-    times, positions = track.trajectory.times, track.trajectory.positions
-    if times.size < 4:
-        return np.empty((0, 3))
-    windows = np.lib.stride_tricks.sliding_window_view(times, 4)
-    gaps = windows[:, :, None] - windows[:, None, :]
-    weights = 1.0 / np.where(np.eye(4, dtype=bool), 1.0, gaps).prod(axis=2)
-    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
-    near = np.lib.stride_tricks.sliding_window_view(positions, 4, axis=0)
-    return np.asarray(np.einsum("nk,nik->ni", weights, near))
+    path = track.trajectory
+    return path_differences(path.positions, difference_weights(path.times, 3))
 
 
 def _is_smoothed(track: ObservedObject) -> bool:

@@ -6,6 +6,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.geometry.path_differences import difference_weights, path_differences
+
 MIN_POINTS = 3
 """Smallest number of points of a stretch."""
 
@@ -49,17 +51,12 @@ def noise_factor(
 
     `times` (n,) s; `places` (n, 3) m; `noise` (n, 3, 3) m², covariances of the points.
     """
+    weights = difference_weights(times, 4)
+    differences = path_differences(places, weights)
     misfits = []
-    for k in range(len(times) - 4):
-        five = slice(k, k + 5)
-        if times[k + 4] - times[k] > NOISE_WINDOW:
-            continue
-        since = (times[five] - times[k]) / (times[k + 4] - times[k])
-        # What is orthogonal to all cubics has one component in five points.
-        across = np.linalg.qr(np.vander(since, 4), mode="complete")[0][:, 4]
-        off = across @ places[five]
-        spread = np.einsum("n,nij->ij", across**2, noise[five])
-        misfits.append(float(off @ np.linalg.solve(spread, off)))
+    for k in np.flatnonzero(times[4:] - times[:-4] <= NOISE_WINDOW).tolist():
+        spread = np.einsum("n,nij->ij", weights[k] ** 2, noise[k : k + 5])
+        misfits.append(float(differences[k] @ np.linalg.solve(spread, differences[k])))
     return max(1.0, float(np.median(misfits)) / MEDIAN_OF_CHI2_3) if misfits else 1.0
 
 

@@ -45,7 +45,7 @@ PARAMETERS = ["-p", f"environment_frames:={FRAMES}", "-p", "target_frame:=base_l
 PARAMETERS += ["-p", "publish_detections:=true"]
 
 BASE = RigidTransform((2.0, -1.0, 0.3), (0.0, 0.0, np.sin(0.4), np.cos(0.4)))
-"""Of the robot in the room: turned about the vertical."""
+"""The robot's orientation in the room: turned about the vertical."""
 
 
 @pytest.fixture

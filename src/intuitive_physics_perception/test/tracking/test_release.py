@@ -92,7 +92,7 @@ def test_observations_begin_at_the_release_at_every_frame_rate(rate, noise) -> N
 
 
 def test_more_frames_make_a_better_first_velocity() -> None:
-    """Of least squares over the same time the variance falls with the number of points: three times
+    """The variance of least squares over the same time falls with the number of points: three times
     as many make the error 0.58 times as large; a tenth is left to the release's uncertainty."""
     rms = []
     for rate in (30, 90):

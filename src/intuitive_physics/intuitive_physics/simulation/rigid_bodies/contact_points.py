@@ -23,15 +23,10 @@ from intuitive_physics.simulation.rigid_bodies.world import (
 )
 from intuitive_physics.simulation.rollout import TOO_MANY_CONTACTS
 
-GAP_ONLY = -1
-"""In place of a number of contacts: writes none."""
-
 
 @kernel
 def write_contact(world, count, first, second, gap, normal, point):
-    """Write one contact at a point (m) if `count` is not GAP_ONLY; return the new count."""
-    if count == GAP_ONLY:
-        return count
+    """Write one contact at a point (m) behind the first `count`; return how many there are then."""
     if count == world.contact_room:
         world.status = TOO_MANY_CONTACTS
         return count

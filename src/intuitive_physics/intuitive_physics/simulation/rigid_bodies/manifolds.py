@@ -1,13 +1,10 @@
 """Where two bodies touch, or nearly touch, one of which at least is a sphere or capsule.
 
-Each function of this kind writes the contacts whose gap is below `margin` behind the first `count`
-of the world's contacts, or none where `count` is GAP_ONLY. It returns the new count and the
-smallest gap there is (m). Normals point towards the first body.
+Each function of this kind writes the contacts whose gap is below `margin` (m) behind the first
+`count` of the world's contacts and returns the new count. Normals point towards the first body.
 """
 
 from __future__ import annotations
-
-from math import inf
 
 from intuitive_physics.geometry.closest_points import (
     nearest_of_segments,
@@ -58,7 +55,7 @@ def _meet_points(world, i, j, here, there, margin, count):
         n = scaled(apart, 1.0 / distance) if distance > 0.0 else UP
         point = add_scaled(here, n, -one.radius - 0.5 * gap)
         count = write_contact(world, count, i, j, gap, n, point)
-    return count, gap
+    return count
 
 
 @kernel
@@ -70,14 +67,12 @@ def _meet_along(world, i, j, margin, count):
     other_span = sub(segment_end(other, 1.0), other_start)
     a = nearest_on_segment(other_start, start, span)
     b = nearest_on_segment(segment_end(other, 1.0), start, span)
-    least = inf
     for end in range(1 if a == b else 2):
         here = add_scaled(start, span, b if end else a)
         t = nearest_on_segment(here, other_start, other_span)
         there = add_scaled(other_start, other_span, t)
-        count, gap = _meet_points(world, i, j, here, there, margin, count)
-        least = min(least, gap)
-    return count, least
+        count = _meet_points(world, i, j, here, there, margin, count)
+    return count
 
 
 @kernel
@@ -92,7 +87,6 @@ def meet_box(world, i, j, box, margin, count):
     nearest = segment_nearest_to_box(
         into_frame(solid, start), transposed_times(solid.rotation, span), load(solid.half_extents)
     )
-    least = inf
     for end in range(3):
         t = 0.5 * end
         if end == 1:
@@ -100,9 +94,8 @@ def meet_box(world, i, j, box, margin, count):
                 continue
             t = nearest
         centre = add_scaled(start, span, t)
-        count, gap = _meet_point(world, i, j, box, centre, margin, count)
-        least = min(least, gap)
-    return count, least
+        count = _meet_point(world, i, j, box, centre, margin, count)
+    return count
 
 
 @kernel
@@ -116,4 +109,4 @@ def _meet_point(world, i, j, box, centre, margin, count):
         point = add_scaled(centre, n, -rounded.radius - 0.5 * gap)
         towards = n if box == j else scaled(n, -1.0)
         count = write_contact(world, count, i, j, gap, towards, point)
-    return count, gap
+    return count

@@ -1,4 +1,8 @@
-"""Overlaps of the bodies of a world at the start, for which scenes are refused."""
+"""Overlaps of the bodies of a world at the start, for which scenes are refused.
+
+A bounded plane holds what is in front of it. What begins with its centre behind one and reaches
+through it would fall: engines give such a world the status `BEHIND_PLANE`.
+"""
 
 from __future__ import annotations
 
@@ -14,33 +18,36 @@ from intuitive_physics.geometry.vectors import dot, load, sub
 from intuitive_physics.kernels import entry, kernel
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Scene
-from intuitive_physics.simulation.rigid_bodies.contact_points import GAP_ONLY
-from intuitive_physics.simulation.rigid_bodies.pairs import meet
+from intuitive_physics.simulation.rigid_bodies.distance import separation
 from intuitive_physics.simulation.rigid_bodies.placing import place_environment, place_shape
 from intuitive_physics.simulation.rigid_bodies.planes import separation_from_plane
+from intuitive_physics.simulation.rigid_bodies.sheets import way_from_behind
 from intuitive_physics.simulation.rigid_bodies.world import (
     Scratch,
     body_at,
+    plane_at,
     scratch_sizes,
 )
 from intuitive_physics.simulation.world_batch import WorldArrays, WorldBatch, pack_worlds
 
 OVERLAP = np.dtype(
     [
-        ("found", "i8"),  # 1 if there is one
+        ("found", "i8"),  # `NONE`, `TOO_DEEP` or `FROM_BEHIND`
         ("first", "i8"),  # body that moves
         ("second", "i8"),  # body, or -1 - p for plane p; static boxes follow what moves
-        ("depth", "f8"),  # m
+        ("depth", "f8"),  # m; from behind, the way along the normal that ends it
         ("limit", "f8"),  # m
     ],
     align=True,
 )
-"""The first overlap of a world that is too deep."""
+"""The first overlap of a world that is too deep, or from behind a bounded plane."""
+
+NONE, TOO_DEEP, FROM_BEHIND = range(3)
 
 
 @entry
 def find_overlaps(share, batch, scratch, overlaps):
-    """Write the first pair of each world of a batch that overlaps too much.
+    """Write the first pair of each world of a batch that overlaps too much, or from behind.
 
     Two may overlap by a share of the smaller one's thinness; that of a plane or a box that never
     moves does not count. `batch` is `WorldBatch.arrays`, `scratch` (1,) a WORLD with room for the
@@ -54,7 +61,7 @@ def find_overlaps(share, batch, scratch, overlaps):
             body, kind = body_at(world, i), worlds.shape_kinds[w, i]
             place_shape(body, kind, worlds.dimensions[w, i], 0, worlds.states[w, i])
         place_environment(world, worlds, worlds.environment_index[w])
-        overlaps[w].found = 0
+        overlaps[w].found = NONE
         for i in range(world.moving):
             if _write_first_overlap(world, i, share, overlaps[w]):
                 break
@@ -65,11 +72,18 @@ def _write_first_overlap(world, i, share, overlap):
     """Write the first overlap of body i with what comes after it; return whether there is one."""
     body = body_at(world, i)
     for p in range(world.plane_count):
-        limit = share * body.thinness
+        plane, limit = plane_at(world, p), share * body.thinness
+        if plane.corners > 0:
+            way = way_from_behind(body, plane)
+            if way != 0.0:
+                _write(overlap, FROM_BEHIND, i, -1 - p, way, 0.0)
+                return True
         gap, _ = separation_from_plane(world, i, p)
         if gap < -limit:
-            _write(overlap, i, -1 - p, gap, limit)
+            _write(overlap, TOO_DEEP, i, -1 - p, -gap, limit)
             return True
+    if share == inf:
+        return False
     for j in range(i + 1, world.body_count):
         other = body_at(world, j)
         thinness = min(body.thinness, other.thinness if j < world.moving else inf)
@@ -77,9 +91,9 @@ def _write_first_overlap(world, i, share, overlap):
         reach = body.reach + other.reach
         apart = sub(load(body.position), load(other.position))
         if dot(apart, apart) < reach * reach:
-            _, gap = meet(world, i, j, -limit, GAP_ONLY)
+            gap, _ = separation(world, i, j)
             if gap < -limit:
-                _write(overlap, i, j, gap, limit)
+                _write(overlap, TOO_DEEP, i, j, -gap, limit)
                 return True
     return False
 
@@ -93,10 +107,10 @@ def is_on_sheet(body, plane):
 
 
 @kernel
-def _write(overlap, first, second, gap, limit):
-    overlap.found = 1
+def _write(overlap, kind, first, second, depth, limit):
+    overlap.found = kind
     overlap.first, overlap.second = first, second
-    overlap.depth, overlap.limit = -gap, limit
+    overlap.depth, overlap.limit = depth, limit
 
 
 LARGEST_OVERLAP = 0.25
@@ -107,7 +121,8 @@ that touch are seen to overlap by less."""
 def check_overlaps(scenes: Sequence[Scene], worlds: WorldBatch) -> None:
     """Check that nothing overlaps by more than a quarter of the smaller object's inradius.
 
-    A bounded plane is a one-sided sheet: what has its centre behind it does not overlap it.
+    A bounded plane is a one-sided sheet: what has its centre behind it does not overlap it, but
+    its world ends as BEHIND_PLANE if it reaches through.
 
     Parameters
     ----------
@@ -119,8 +134,9 @@ def check_overlaps(scenes: Sequence[Scene], worlds: WorldBatch) -> None:
         When two objects do, or an object and a plane or a static box.
     """
     overlaps = _found_overlaps(worlds, LARGEST_OVERLAP)
-    if overlaps["found"].any():
-        world = int(overlaps["found"].argmax())
+    too_deep = overlaps["found"] == TOO_DEEP
+    if too_deep.any():
+        world = int(too_deep.argmax())
         where = f"scene {world}: " if len(scenes) > 1 else ""
         raise InvalidInputError(where + _message(scenes[world], overlaps[world]))
 
@@ -134,7 +150,31 @@ def overlapping(scenes: Sequence[Scene]) -> NDArray[np.bool_]:
     """
     materials = tuple(dict.fromkeys(name for scene in scenes for name in scene.materials))
     worlds = pack_worlds(scenes, StaticParameters.uniform(materials))
-    return np.asarray(_found_overlaps(worlds, 0.0)["found"] != 0)
+    return np.asarray(_found_overlaps(worlds, 0.0)["found"] == TOO_DEEP)
+
+
+def behind_planes(worlds: WorldBatch) -> NDArray[np.bool_]:
+    """Return in which worlds an object reaches through a bounded plane from behind, (W,)."""
+    if not worlds.corner_counts.any():
+        return np.zeros(worlds.size, dtype=bool)
+    return np.asarray(_found_overlaps(worlds, inf)["found"] == FROM_BEHIND)
+
+
+def pushed_out(worlds: WorldBatch) -> WorldBatch:
+    """Return the worlds with what reaches through bounded planes from behind moved out of them."""
+    states = worlds.states.copy()
+    lifted = worlds
+    for _ in range(worlds.states.shape[1] * worlds.planes.shape[1]):
+        overlaps = _found_overlaps(lifted, inf)
+        (behind,) = np.nonzero(overlaps["found"] == FROM_BEHIND)
+        if behind.size == 0:
+            break
+        for w in behind:
+            overlap = overlaps[w]
+            plane = worlds.planes[worlds.environment_index[w], -1 - overlap["second"]]
+            states[w, overlap["first"], :3] += overlap["depth"] * plane[:3]
+        lifted = worlds.taken(np.arange(worlds.size), states=states.copy())
+    return lifted
 
 
 def _found_overlaps(worlds: WorldBatch, share: float) -> np.ndarray:

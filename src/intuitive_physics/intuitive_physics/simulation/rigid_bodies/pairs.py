@@ -45,26 +45,24 @@ def meet(world, i, j, margin, count):
 
 @kernel
 def meet_boxes(world, i, j, margin, count):
-    """Contacts of two boxes; the gap is that of the nearest one, or of the separating axis."""
+    """Contacts of two boxes."""
     one, other = body_at(world, i), body_at(world, j)
     apart = sub(load(one.position), load(other.position))
     gap, best, normal = separating_face(one, other, apart)
     if gap > margin:
-        return count, gap
+        return count
     edge_gap, edges, edge_normal = separating_edges(one, other, apart)
     if edge_gap > gap + FACES_PREFERRED * (one.thinness + other.thinness):
         if edge_gap < margin:
             count = _meet_edges(world, i, j, edges, edge_normal, edge_gap, count)
-        return count, edge_gap
+        return count
     least = max(gap, edge_gap)
     count, nearest = _meet_faces(world, i, j, best, normal, least, margin, count)
-    if nearest <= least + SAME_GAP:
-        return count, nearest
-    # The corner that is nearest is beside the other box: then two edges meet.
-    if least < margin:
+    if nearest > least + SAME_GAP and least < margin:
+        # The corner that is nearest is beside the other box: then two edges meet.
         towards = edge_normal if edge_gap >= gap else normal
         count = _meet_edges(world, i, j, edges, towards, least, count)
-    return count, least
+    return count
 
 
 @kernel

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from math import inf
-
 from intuitive_physics.geometry.vectors import add, add_scaled, dot, load, scaled
 from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.rigid_bodies.contact_points import write_contact
@@ -33,7 +31,7 @@ def meet_plane(world, i, p, margin, count):
     n = load(plane.normal)
     height = dot(n, load(body.position)) - plane.offset
     if height > body.reach + margin:
-        return count, height - body.reach
+        return count
     if plane.corners > 0:
         return meet_sheet(world, i, p, margin, count)
     if body.kind == BOX:
@@ -43,16 +41,14 @@ def meet_plane(world, i, p, margin, count):
         if gap < margin:
             point = add_scaled(load(body.position), n, -body.radius)
             count = write_contact(world, count, i, -1 - p, gap, n, point)
-        return count, gap
-    least = inf
+        return count
     for end in range(2):
         centre = segment_end(body, 2.0 * end - 1.0)
         gap = dot(n, centre) - plane.offset - body.radius
-        least = min(least, gap)
         if gap < margin:
             point = add_scaled(centre, n, -body.radius)
             count = write_contact(world, count, i, -1 - p, gap, n, point)
-    return count, least
+    return count
 
 
 @kernel
@@ -62,9 +58,8 @@ def _box_on_plane(world, i, p, height, margin, count):
     x, y, z = column(body.rotation, 0), column(body.rotation, 1), column(body.rotation, 2)
     hx, hy, hz = load(body.half_extents)
     a, b, c = hx * dot(n, x), hy * dot(n, y), hz * dot(n, z)
-    least = height - abs(a) - abs(b) - abs(c)
-    if least >= margin:
-        return count, least
+    if height - abs(a) - abs(b) - abs(c) >= margin:
+        return count
     for corner in range(8):
         u = 1.0 if corner & 1 else -1.0
         v = 1.0 if corner & 2 else -1.0
@@ -74,4 +69,4 @@ def _box_on_plane(world, i, p, height, margin, count):
             arm = add_scaled(add_scaled(scaled(x, u * hx), y, v * hy), z, w * hz)
             point = add(load(body.position), arm)
             count = write_contact(world, count, i, -1 - p, gap, n, point)
-    return count, least
+    return count

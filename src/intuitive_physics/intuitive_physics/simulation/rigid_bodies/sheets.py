@@ -36,7 +36,7 @@ from intuitive_physics.simulation.rigid_bodies.contact_points import (
 )
 from intuitive_physics.simulation.rigid_bodies.distance import PARALLEL_EDGES, span_along
 from intuitive_physics.simulation.rigid_bodies.manifolds import SAME_PLACE
-from intuitive_physics.simulation.rigid_bodies.poses import segment_end
+from intuitive_physics.simulation.rigid_bodies.poses import segment_end, support
 from intuitive_physics.simulation.rigid_bodies.world import (
     body_at,
     clipped_polygon,
@@ -51,6 +51,9 @@ FACE_PREFERRED = 1e-3
 ALONG = 1.0 - 1e-12
 """Cosine of what is along the plane's normal, but for rounding."""
 
+CLEAR = 1e-9
+"""m. Distance of what is moved back behind a plane: more than rounding."""
+
 PLANE_AXIS, FIRST_EDGE = -1, 3
 """Codes of axes: the plane's normal, 0 to 2 those of the box, then 3 for each edge of the plane."""
 
@@ -64,10 +67,33 @@ def separation_from_sheet(world, i, p):
     body, plane = body_at(world, i), plane_at(world, p)
     if passes(body, plane, p):
         return inf, load(plane.normal)
+    return _separation_in_front(body, plane)
+
+
+@kernel
+def _separation_in_front(body, plane):
     if body.kind == BOX:
         gap, normal, _ = _separating_axis(body, plane, 0.0)
         return gap, normal
     return _separation_of_core(body, plane)
+
+
+@kernel
+def way_from_behind(body, plane):
+    """How far (m) to move a body along the normal of a plane through which it reaches from behind.
+
+    Its centre is behind the bounded plane: it is moved to the front if it is less than half of
+    its reach deep, else further back. 0 for a body that does not reach through.
+    """
+    n = load(plane.normal)
+    height = dot(n, load(body.position)) - plane.offset
+    reach = support(body, n)
+    if height > 0.0 or height <= -reach:
+        return 0.0
+    gap, _ = _separation_in_front(body, plane)
+    if gap >= 0.0:
+        return 0.0
+    return reach - height if height > -0.5 * reach else -reach - height - CLEAR
 
 
 @fast_inlined
@@ -82,19 +108,19 @@ def meet_sheet(world, i, p, margin, count):
     """Contacts of body i with a bounded plane; see `manifolds`."""
     body, plane = body_at(world, i), plane_at(world, p)
     if passes(body, plane, p):
-        return count, inf
+        return count
     if body.kind != BOX:
         return _meet_core(world, i, p, margin, count)
     gap, normal, axis = _separating_axis(body, plane, FACE_PREFERRED * body.thinness)
     if gap > margin:
-        return count, gap
+        return count
     before = count
     if axis == PLANE_AXIS:
         count = _box_on_plane(world, i, p, gap, margin, count)
     elif axis < FIRST_EDGE:
         count = _plane_on_face(world, i, p, axis, normal, margin, count)
     else:
-        return _meet_edges(world, i, p, axis, gap, normal, count), gap
+        return _meet_edges(world, i, p, axis, gap, normal, count)
     if count == before:
         # Its lowest face passes the plane by, and only its side reaches over the edge.
         lowest = lowest_corner(body, normal)
@@ -102,7 +128,7 @@ def meet_sheet(world, i, p, margin, count):
             lowest, plane.boundary, plane.corners, load(plane.normal), plane.offset
         )
         count = write_contact(world, count, i, -1 - p, gap, normal, point)
-    return count, gap
+    return count
 
 
 @kernel
@@ -229,11 +255,9 @@ def _meet_core(world, i, p, margin, count):
             count = write_contact(world, count, i, -1 - p, gap, normal, near)
     if body.kind != SPHERE:
         near, gap, normal, place = _nearest_of_edges(plane, start, span, body.radius)
-        if gap < least and min(abs(place - low), abs(place - high)) > SAME_PLACE:
-            least = gap
-            if gap < margin:
-                count = write_contact(world, count, i, -1 - p, gap, normal, near)
-    return count, least
+        if gap < min(least, margin) and min(abs(place - low), abs(place - high)) > SAME_PLACE:
+            count = write_contact(world, count, i, -1 - p, gap, normal, near)
+    return count
 
 
 @kernel

@@ -19,18 +19,27 @@ WARM_STARTS = 16
 MOST_PLANES = 64
 """Planes of which some may be bounded: each of those has a bit in a body's `behind`."""
 
+LEVELS = 4
+"""Spans over which islands are looked for."""
+
 BODY = np.dtype(
     [
         ("position", "f8", 3),  # m, of the shape's centre
         ("velocity", "f8", 3),  # m/s, of the centre of mass
         ("spin", "f8", 3),  # rad/s, in the world's axes
+        ("reach", "f8"),  # m, from either centre no point is farther, however it turns
+        ("asleep", "i8"),
+        ("island", "i8", LEVELS),  # over each of the spans of `islands`
+        ("alone", "i8"),  # 1 while it is the only body of its island
+        ("done", "i8"),  # steps over which it has been carried
+        ("fastest", "f8"),  # m/s, a bound of its speed, …
+        ("pull", "f8"),  # m/s², … which grows by so much at most
         ("orientation", "f8", 4),  # (x, y, z, w)
         ("rotation", "f8", 9),  # the same as a matrix, row by row
         ("inverse_inertia", "f8", 9),  # 1/(kg m²), in the world's axes, row by row
         # What the body is.
         ("half_extents", "f8", 3),  # m, of the core
         ("radius", "f8"),  # m, around the core
-        ("reach", "f8"),  # m, from either centre no point is farther, however it turns
         ("centre_offset", "f8", 3),  # m, of the centre of mass, in the body's axes
         ("off_centre", "i8"),  # 1 where the two are not one
         ("thinness", "f8"),  # m, from the centre to the nearest point of the surface
@@ -60,20 +69,23 @@ BODY = np.dtype(
         ("pressed", "i8"),  # 1 while contacts act on it
         ("steady", "i8"),  # 1 while they neither part nor close
         ("behind", "i8"),  # bit p is set once it has come behind the bounded plane p
-        # Sleep and islands.
-        ("asleep", "i8"),
-        ("island", "i8"),
         ("next_output", "i8"),
-        # The last step's contact forces (N, N, N and N m), in the world's axes.
-        ("warm_starts", "i8"),
-        ("warm_seconds", "i8", WARM_STARTS),  # what it touched
-        ("warm_arms", "f8", (WARM_STARTS, 3)),  # m, and where
-        ("warm_forces", "f8", (WARM_STARTS, 3)),
-        ("warm_torques", "f8", (WARM_STARTS, 3)),
+        ("warm_starts", "i8"),  # of its contacts that have one, see `WARM_START`
     ],
     align=True,
 )
-"""A body: what it is, its motion over a part of a step, its sleep and its warm starts."""
+"""A body: what it is, its motion over a part of a step, and its sleep."""
+
+WARM_START = np.dtype(
+    [
+        ("second", "i8"),  # what the body touched
+        ("arm", "f8", 3),  # m, and where, from its centre of mass
+        ("force", "f8", 3),  # N
+        ("torque", "f8", 3),  # N m
+    ],
+    align=True,
+)
+"""The force of a contact in the last step, in the world's axes."""
 
 PLANE = np.dtype(
     [
@@ -152,6 +164,7 @@ WORLD = np.dtype(
     [
         # Addresses of arrays, see `pointers`.
         ("bodies", "i8"),  # (n + b,) BODY: n that move, then the environment's boxes
+        ("warm_starts", "i8"),  # (n, WARM_STARTS) WARM_START
         ("planes", "i8"),  # (P,) PLANE
         ("contacts", "i8"),  # (contact_room,) CONTACT, scratch
         ("members", "i8"),  # (n + b,) MEMBER, of the island that is stepped
@@ -179,6 +192,7 @@ WORLD = np.dtype(
 
 _body, _plane = record_getter(BODY), record_getter(PLANE)
 _contact = record_getter(CONTACT)
+_warm_start = record_getter(WARM_START)
 _member = record_getter(MEMBER)
 _row = record_getter(ROW)
 
@@ -208,6 +222,12 @@ def plane_at(world, p):
 @fast_inlined
 def contact_at(world, c):
     return _contact(world.contacts, c)
+
+
+@fast_inlined
+def warm_start_at(world, i, k):
+    """The k-th warm start of body i."""
+    return _warm_start(world.warm_starts, i * WARM_STARTS + k)
 
 
 @fast_inlined
@@ -272,6 +292,7 @@ class Scratch:
         contacts_a_body: int = CONTACTS_A_BODY,
     ) -> None:
         self.bodies = np.zeros(moving + boxes, BODY)
+        self.warm_starts = np.zeros((moving, WARM_STARTS), WARM_START)
         self.planes = np.zeros(planes, PLANE)
         self.contacts = np.zeros(contacts_a_body * moving, CONTACT)
         # Each half-space that cuts a convex polygon adds at most one corner to it: four of another
@@ -282,7 +303,16 @@ class Scratch:
         self.matrix = np.zeros((len(self.rows), len(self.rows)))
         self.right = np.zeros(len(self.rows))
         self.world = np.zeros(1, WORLD)
-        for name in ("bodies", "planes", "contacts", "clipped", "members", "rows", "matrix"):
+        for name in (
+            "bodies",
+            "warm_starts",
+            "planes",
+            "contacts",
+            "clipped",
+            "members",
+            "rows",
+            "matrix",
+        ):
             self.world[name] = getattr(self, name).ctypes.data
         self.world["right"] = self.right.ctypes.data
         self.world["row_room"] = len(self.rows)

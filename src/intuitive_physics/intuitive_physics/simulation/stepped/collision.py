@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from intuitive_physics.geometry.vectors import add_scaled, dot, load, norm, store, sub
+from intuitive_physics.geometry.vectors import add_scaled, dot, load, store, sub
 from intuitive_physics.kernels import fast_inlined, kernel
 from intuitive_physics.simulation.rigid_bodies.pairs import meet
 from intuitive_physics.simulation.rigid_bodies.planes import meet_plane, separation_from_plane
@@ -31,7 +31,7 @@ def find_contacts(world, moving, members):
             if plane_at(world, p).corners > 0:
                 _note_side(world, i, p)
             already = count
-            count, _ = meet_plane(world, i, p, MARGIN, count)
+            count = meet_plane(world, i, p, MARGIN, count)
             _note_faces(world, already, count)
         for b in range(a + 1, members):
             j = member_at(world, b)
@@ -40,7 +40,7 @@ def find_contacts(world, moving, members):
             apart = sub(load(body.position), load(other.position))
             if dot(apart, apart) < reach * reach:
                 others = count
-                count, _ = meet(world, i, j, MARGIN, count)
+                count = meet(world, i, j, MARGIN, count)
                 _note_faces(world, others, count)
                 if count > others and other.inverse_mass > 0.0:
                     set_inverse_inertia(other)
@@ -107,12 +107,3 @@ def _shift(world, i, direction, distance, count):
             contact.gap += distance * dot(direction, load(contact.axes[0]))
         elif contact.second == i:
             contact.gap -= distance * dot(direction, load(contact.axes[0]))
-
-
-@kernel
-def are_near(one, other, duration, fall):
-    """Whether two bodies may meet within `duration` (s), in which they fall `fall` (m)."""
-    way = duration * (norm(load(one.velocity)) + norm(load(other.velocity))) + fall
-    reach = one.reach + other.reach + MARGIN + way
-    apart = sub(load(one.position), load(other.position))
-    return dot(apart, apart) < reach * reach

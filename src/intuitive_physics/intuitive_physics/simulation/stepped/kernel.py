@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite, nan
+from math import inf, nan
 
 from intuitive_physics.geometry.vectors import load, norm
-from intuitive_physics.kernels import entry, fast_inlined, kernel
+from intuitive_physics.kernels import entry, kernel
 from intuitive_physics.simulation.rigid_bodies.placing import place_environment, place_object
 from intuitive_physics.simulation.rigid_bodies.world import body_at, set_member
-from intuitive_physics.simulation.rollout import NOT_FINITE, OK, OutputArrays
+from intuitive_physics.simulation.rollout import OK, OutputArrays
 from intuitive_physics.simulation.stepped.collision import find_contacts, part_overlaps
-from intuitive_physics.simulation.stepped.islands import carry_island, mark_islands
+from intuitive_physics.simulation.stepped.islands import carry_bodies
 from intuitive_physics.simulation.stepped.motion import TIME_ROUNDING, output_time, write_rest
 from intuitive_physics.simulation.stepped.parts import rebound_threshold
 from intuitive_physics.simulation.world_batch import WorldArrays
-from intuitive_physics.simulation.world_record import start_world, stop_if_asked, wanted_outputs
+from intuitive_physics.simulation.world_record import start_world, wanted_outputs
 
 
 @entry
@@ -69,31 +69,11 @@ def _roll_world(world, moving, step):
     threshold = rebound_threshold(world, step)
     _part_start(world, moving)
     end = output_time(world, world.output_count - 1)
-    steps = 0
-    stop_if_asked(world)
-    while world.status == OK and steps * step < end - TIME_ROUNDING:
-        left = 1 + int((end - TIME_ROUNDING) / step) - steps
-        count = max(1, min(left, mark_islands(world, moving, step)))
-        awake = False
-        for root in range(moving):
-            if body_at(world, root).island == root:
-                awake = carry_island(world, moving, root, steps, count, step, threshold) or awake
-        for i in range(moving):
-            body = body_at(world, i)
-            if not isfinite(_sum(load(body.position)) + _sum(load(body.velocity))):
-                world.status = NOT_FINITE
-                return
-        steps += count
-        if not awake:
-            break
+    total = 1 + int((end - TIME_ROUNDING) / step) if end > TIME_ROUNDING else 0
+    carry_bodies(world, moving, total, step, threshold)
     if world.status == OK:
         for i in range(moving):
             write_rest(world, i, inf)
-
-
-@fast_inlined
-def _sum(a):
-    return a[0] + a[1] + a[2]
 
 
 @kernel

@@ -21,7 +21,12 @@ from intuitive_physics.geometry.vectors import (
     sub,
 )
 from intuitive_physics.kernels import fast_inlined, kernel
-from intuitive_physics.simulation.rigid_bodies.world import WARM_STARTS, body_at, contact_at
+from intuitive_physics.simulation.rigid_bodies.world import (
+    WARM_STARTS,
+    body_at,
+    contact_at,
+    warm_start_at,
+)
 from intuitive_physics.simulation.stepped.contacts import (
     push,
     relative_spin,
@@ -273,20 +278,22 @@ def warm_start(world, c, duration):
     body = body_at(world, contact.first)
     nearest, least = -1, SAME_PLACE * SAME_PLACE * body.reach * body.reach
     for k in range(body.warm_starts):
-        if body.warm_seconds[k] == contact.second:
-            apart = sub(load(body.warm_arms[k]), load(contact.arm))
+        last = warm_start_at(world, contact.first, k)
+        if last.second == contact.second:
+            apart = sub(load(last.arm), load(contact.arm))
             if dot(apart, apart) < least:
                 nearest, least = k, dot(apart, apart)
     if nearest < 0:
         return
-    force = scaled(load(body.warm_forces[nearest]), duration)
+    last = warm_start_at(world, contact.first, nearest)
+    force = scaled(load(last.force), duration)
     contact.impulse[0] = max(dot(force, load(contact.axes[0])), 0.0)
     contact.impulse[1] = dot(force, load(contact.axes[1]))
     contact.impulse[2] = dot(force, load(contact.axes[2]))
     for axis in range(3):
         push(world, contact, axis, contact.impulse[axis])
     if contact.rolls == 1:
-        torque = scaled(load(body.warm_torques[nearest]), duration)
+        torque = scaled(load(last.torque), duration)
         store(contact.torque, torque)
         twist(world, contact, torque)
 
@@ -299,10 +306,11 @@ def store_warm_start(world, c, duration):
     k = body.warm_starts
     if k < WARM_STARTS:
         body.warm_starts = k + 1
-        body.warm_seconds[k] = contact.second
-        store(body.warm_arms[k], load(contact.arm))
+        warm = warm_start_at(world, contact.first, k)
+        warm.second = contact.second
+        store(warm.arm, load(contact.arm))
         force = scaled(load(contact.axes[0]), contact.impulse[0] / duration)
         force = add_scaled(force, load(contact.axes[1]), contact.impulse[1] / duration)
         force = add_scaled(force, load(contact.axes[2]), contact.impulse[2] / duration)
-        store(body.warm_forces[k], force)
-        store(body.warm_torques[k], scaled(load(contact.torque), 1.0 / duration))
+        store(warm.force, force)
+        store(warm.torque, scaled(load(contact.torque), 1.0 / duration))

@@ -26,7 +26,7 @@ from intuitive_physics_learner import ObservationStore
 from intuitive_physics_learner.online.options import OnlineOptions
 
 # Numbers of stored observations at which the next ones are measured
-STORED, QUICK_STORED = (100, 1000, 10000), (20, 100)
+STORED, QUICK_STORED = (100, 1000, 10000), (10, 40)
 MEASURED, QUICK_MEASURED = 5, 2  # observations whose mean cost counts
 # s of wall time after which a number of stored observations counts as not measured
 PATIENCE = 240.0

@@ -59,6 +59,7 @@ class Effort:
     resting: int  # predictions of balls that rest
     worlds: tuple[float, ...]  # that a camera sees, by their spin in rad/s
     throws: int  # in each of them
+    learning: float  # s, at most, in each of them
 
 
 # For the results that are kept
@@ -74,22 +75,24 @@ FULL = Effort(
     resting=500,
     worlds=WORLDS,
     throws=120,
+    learning=20.0,
 )
 # For a first look; its set is too small to hold the bars for sure. Half of the throws are learned
 # from, so that each of the three materials is among them
-SMALL_SET = CalibrationOptions(throws=10, held_out=10, point_counts=(), samples=50, iterations=300)
+SMALL_SET = CalibrationOptions(throws=6, held_out=6, point_counts=(), samples=20, iterations=100)
 QUICK = Effort(
     scenes=("1_sphere",),
     estimated=("1_sphere_seen",),
     steady=4.0,
-    trial=1.0,
+    trial=0.6,
     settling=0.5,
     tries=1,
-    loop=2.0,
+    loop=1.0,
     synthetic_set=SMALL_SET,
     resting=50,
     worlds=WORLDS[:1],
     throws=8,
+    learning=4.0,
 )
 
 PARTS = ("node", "camera")  # can be measured alone
@@ -123,7 +126,7 @@ def run(options: argparse.Namespace) -> Outcome:
         figures |= key_figures(results)
         missed += complaints(results)
     if "camera" in wanted:
-        worlds = see_worlds(effort.worlds, effort.throws, options.first_seed)
+        worlds = see_worlds(effort, options.first_seed)
         shown += [camera_table(worlds), coverage_table(worlds)]
         figures["camera"] = camera_figures(worlds)
         missed += camera_complaints(worlds)
@@ -135,12 +138,13 @@ def run(options: argparse.Namespace) -> Outcome:
     )
 
 
-def see_worlds(spins: Sequence[float], throws: int, first_seed: int) -> dict[float, JudgedWorld]:
+def see_worlds(effort: Effort, first_seed: int) -> dict[float, JudgedWorld]:
     """Judge predictions in worlds that a camera sees, side by side, by their spin in rad/s."""
-    report_progress(f"the camera's worlds, {throws} throws each")
+    report_progress(f"the camera's worlds, {effort.throws} throws each")
+    spins = effort.worlds
     seeds = range(first_seed, first_seed + len(spins))
     with ProcessPoolExecutor(CORES, mp_context=get_context("spawn")) as pool:
-        judged = pool.map(judge_world, spins, repeat(throws), seeds)
+        judged = pool.map(judge_world, spins, repeat(effort.throws), repeat(effort.learning), seeds)
         return dict(zip(spins, judged, strict=True))
 
 

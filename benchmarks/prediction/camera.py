@@ -51,7 +51,6 @@ CALIBRATION_TIMES = np.arange(0.0, 1.05, 0.02)
 # Patterns that show how a ball turns
 MARKED = tuple(pattern for pattern in PATTERNS if pattern != PLAIN)
 PAINTED = 1000  # between the seeds of plain and painted balls
-LEARNING_TIME = 20.0  # s of learning at most, in each world
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,14 +73,15 @@ class JudgedWorld:
     seconds: list[float]  # of each estimate
 
 
-def judge_world(spin: float, throws: int, seed: int) -> JudgedWorld:
+def judge_world(spin: float, throws: int, learning_time: float, seed: int) -> JudgedWorld:
     """Perceive a world, learn from its first half and judge predictions of its second.
 
-    The spin (rad/s) is the standard deviation of the initial spin about each axis.
+    The spin (rad/s) is the standard deviation of the initial spin about each axis; learning takes
+    at most so long (s).
     """
     rng = np.random.default_rng([seed, 1])
     world = see_world(spin, throws, seed)
-    learned = _learn_first_half(world)
+    learned = _learn_first_half(world, learning_time)
     plain = _Follower(world, learned, rng)
     moments: dict[str, list[Judged]] = {name: [] for name in MOMENTS}
     for throw in world.throws[throws // 2 :]:
@@ -98,11 +98,11 @@ def judge_world(spin: float, throws: int, seed: int) -> JudgedWorld:
     return JudgedWorld(moments, patterned, plain.seconds)
 
 
-def _learn_first_half(world: World) -> LearnedParameters:
+def _learn_first_half(world: World, learning_time: float) -> LearnedParameters:
     """Learn θ_s with the learner's defaults from the first half of a world's throws."""
     middle = world.throws[len(world.throws) // 2].throw.start_time
     earlier = [item for item in world.observations if item.start_time < middle]
-    options = LearningOptions(criteria=ConvergenceCriteria(time_limit=LEARNING_TIME))
+    options = LearningOptions(criteria=ConvergenceCriteria(time_limit=learning_time))
     return learn(earlier, make_simulator("auto"), options).learned
 
 

@@ -16,7 +16,7 @@ from intuitive_physics_learner.online.background_learning import BackgroundLearn
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.worker import LEARNING
 
-COPIES = 20  # copies of each observation, so that there is more to learn from than time
+COPIES = 4  # copies of each observation, so that there is more to learn from than time
 PATIENCE = 60.0  # s within which the learner has to be at work
 
 

@@ -50,6 +50,12 @@ class Bounds:
                 f"lower bound is {self.lower:g}; expected ≥ 0, and above 0 on a logarithmic scale"
             )
 
+    def slope(self, value: float) -> float:
+        """Return by how much a parameter of this value changes for one of the unit interval."""
+        if self.scale == "logarithmic":
+            return value * float(np.log(self.upper / self.lower))
+        return self.upper - self.lower
+
 
 DEFAULT_BOUNDS: dict[str, Bounds] = {
     "density": Bounds(50.0, 8000.0, "logarithmic"),
@@ -170,12 +176,12 @@ class ParameterSpace:
         """
         values = self.to_values(unit[None])[0]
         kinds = [name.split("[")[0] for name in self.names]
-        matrix = np.diag([_slope(self.bounds[k], v) for k, v in zip(kinds, values, strict=True)])
+        matrix = np.diag([self.bounds[k].slope(v) for k, v in zip(kinds, values, strict=True)])
         m = len(self.materials)
         static = np.arange(m, self.size, len(PAIR_COEFFICIENTS))
         dynamic = static + 1
         of_dynamic = self._dynamic_bounds
-        matrix[dynamic, dynamic] = [_slope(of_dynamic, v) for v in values[dynamic]]
+        matrix[dynamic, dynamic] = [of_dynamic.slope(v) for v in values[dynamic]]
         static_bounds, limit = (
             self.bounds["static_friction"],
             np.maximum(values[dynamic], np.finfo(float).tiny),
@@ -250,12 +256,6 @@ def _limits(bounds: Bounds, lower: NDArray[np.float64] | None) -> tuple[NDArray[
     if lower is None:
         return np.asarray(bounds.lower), bounds.upper
     return np.minimum(np.maximum(lower, bounds.lower), bounds.upper), bounds.upper
-
-
-def _slope(bounds: Bounds, value: float) -> float:
-    if bounds.scale == "logarithmic":
-        return value * float(np.log(bounds.upper / bounds.lower))
-    return bounds.upper - bounds.lower
 
 
 def _stretch(

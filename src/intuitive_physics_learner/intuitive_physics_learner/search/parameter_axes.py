@@ -39,7 +39,7 @@ class ParameterAxes:
         limits = np.clip(self._to_axes(swapped), self.lower, self.upper)
         self.lower[static] = limits[static]
         self.upper[static + 1] = limits[static + 1]
-        self.slopes = np.array(list(map(_slope, self._bounds, self._vector)))
+        self.slopes = np.array(list(map(Bounds.slope, self._bounds, self._vector)))
 
     @property
     def size(self) -> int:
@@ -87,12 +87,6 @@ def _value(bounds: Bounds, place: float) -> float:
     if bounds.scale == "logarithmic":
         return bounds.lower * (bounds.upper / bounds.lower) ** place
     return bounds.lower + place * (bounds.upper - bounds.lower)
-
-
-def _slope(bounds: Bounds, value: float) -> float:
-    if bounds.scale == "logarithmic":
-        return value * float(np.log(bounds.upper / bounds.lower))
-    return bounds.upper - bounds.lower
 
 
 def parameters_of_vector(

@@ -35,7 +35,7 @@ from intuitive_physics.simulation.stepped.solver import SWEEPS, solve, store_war
 from intuitive_physics.simulation.stepped.time_of_impact import first_closing
 from intuitive_physics.simulation.world_batch import SPHERE
 
-PARTS = 512
+MOST_IMPACTS = 512
 """Most impacts in a step for each body; a world with more stops, TOO_MANY_EVENTS."""
 
 MOST_TURNS = 1000
@@ -90,7 +90,7 @@ def step_island(world, moving, members, start, duration, threshold):
         if after < left:
             events += 1
             stalled = stalled + 1 if after < SHORTEST * duration else 0
-            if events > PARTS * moving and world.status == OK:
+            if events > MOST_IMPACTS * moving and world.status == OK:
                 world.status = TOO_MANY_EVENTS
         if world.status != OK:
             return

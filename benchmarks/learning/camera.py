@@ -48,7 +48,7 @@ from intuitive_physics_learner import active_parameters
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
 
 SETS, QUICK_SETS = 20, 1  # random sets
-THROWS, QUICK_THROWS = 8, 4  # throws of the ball of a set
+THROWS, QUICK_THROWS = 8, 3  # throws of the ball of a set
 RESTITUTION_BAR = 0.003  # limit of the median error of restitution, issue 17
 TRUE_RANGES = {
     "density": Bounds(120.0, 1100.0, "logarithmic"),

@@ -15,14 +15,13 @@ from intuitive_physics_learner.cost.cluster import CostMaker
 from intuitive_physics_learner.cost.cost_function import Cost
 
 WORKERS = 2  # processes of the cluster, and threads that they are compared with
-CANDIDATES = 20  # random θ_s that are evaluated at once
 ROUNDS = 3  # rounds, of which the quickest counts
 
 
-def compare_paces(task: Task) -> Table:
-    """Evaluate J of the same random θ_s, `CANDIDATES` at once; ms are of one evaluation."""
+def compare_paces(task: Task, count: int) -> Table:
+    """Evaluate J of the same random θ_s, `count` at once; ms are of one evaluation."""
     space = ParameterSpace(task.start.materials)
-    points = np.random.default_rng(0).random((CANDIDATES, space.size))
+    points = np.random.default_rng(0).random((count, space.size))
     candidates = [space.to_parameters(point) for point in points]
     observations = task.dataset.training_observations
 
@@ -33,7 +32,7 @@ def compare_paces(task: Task) -> Table:
             began = time.perf_counter()
             cost.costs(candidates)
             seconds.append(time.perf_counter() - began)
-        return 1e3 * min(seconds) / CANDIDATES
+        return 1e3 * min(seconds) / count
 
     rows: list[list[Cell]] = []
     for threads in (1, WORKERS):

@@ -37,11 +37,12 @@ class Effort:
     further_iterations: tuple[int, ...]  # of CMA-ES and its further kinds
     peer_seconds: float  # that each other engine may take
     loop_seconds: float  # that a loop beside the learner is watched for
+    candidates: int  # that threads and processes evaluate at once
 
 
 # For results that are kept
-FULL = Effort((4.0, 20.0, 60.0), (500, 150, 60), (0, 200, 100), 10.0, 5.0)
-QUICK = Effort((1.0, 2.0, 2.0), (20, 5, 3), (0, 4, 0), 1.0, 1.0)  # for a first look
+FULL = Effort((4.0, 20.0, 60.0), (500, 150, 60), (0, 200, 100), 10.0, 5.0, 20)
+QUICK = Effort((0.5, 1.0, 1.0), (20, 5, 3), (0, 4, 0), 0.5, 0.5, 2)  # for a first look
 LONG_COMPARED = ("cma_es", *FURTHER_RULES)  # rules that are compared over many more iterations
 
 
@@ -72,7 +73,7 @@ def measure(quick: bool, first_seed: int) -> Outcome:
             ),
             engines,
             compare_lateness(task, effort.loop_seconds),
-            compare_paces(task),
+            compare_paces(task, effort.candidates),
         ],
         draw=lambda path: draw_figure(rules, joint, path),
     )

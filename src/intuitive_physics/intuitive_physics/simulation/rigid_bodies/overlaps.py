@@ -7,6 +7,7 @@ through it would fall: engines give such a world the status `BEHIND_PLANE`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -162,19 +163,20 @@ def behind_planes(worlds: WorldBatch) -> NDArray[np.bool_]:
 
 def pushed_out(worlds: WorldBatch) -> WorldBatch:
     """Return the worlds with what reaches through bounded planes from behind moved out of them."""
-    states = worlds.states.copy()
-    lifted = worlds
+    if not worlds.corner_counts.any():
+        return worlds
     for _ in range(worlds.states.shape[1] * worlds.planes.shape[1]):
-        overlaps = _found_overlaps(lifted, inf)
+        overlaps = _found_overlaps(worlds, inf)
         (behind,) = np.nonzero(overlaps["found"] == FROM_BEHIND)
         if behind.size == 0:
             break
+        states = worlds.states.copy()
         for w in behind:
             overlap = overlaps[w]
             plane = worlds.planes[worlds.environment_index[w], -1 - overlap["second"]]
             states[w, overlap["first"], :3] += overlap["depth"] * plane[:3]
-        lifted = worlds.taken(np.arange(worlds.size), states=states.copy())
-    return lifted
+        worlds = replace(worlds, states=states)
+    return worlds
 
 
 def _found_overlaps(worlds: WorldBatch, share: float) -> np.ndarray:

@@ -37,7 +37,7 @@ SPANS = (32, 8, 2, 1)
 
 @kernel
 def carry_bodies(world, moving, total, step, threshold):
-    """Carry the bodies that move over so many steps, or until all of them sleep."""
+    """Simulate all moving bodies for `total` steps, or until all of them sleep."""
     for i in range(moving):
         body_at(world, i).done = 0
     now = 0

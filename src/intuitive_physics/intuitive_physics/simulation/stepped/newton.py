@@ -59,7 +59,7 @@ def newton_step(world, first, last):
 
 @kernel
 def change_impulses(world, rows, share):
-    """Apply a share of the last step, the solution of so many equations, to the impulses."""
+    """Change the impulses of the first `rows` equations by a share of the last Newton step."""
     for r in range(rows):
         _change_impulse(world, row_at(world, r), share * float_at(world.right, r))
 

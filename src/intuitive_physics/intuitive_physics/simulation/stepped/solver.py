@@ -105,8 +105,8 @@ def _step(world, first, last, halvings):
 def _sweep(world, first, last, sweeps, precision, share):
     """Sweep until a sweep asks for no larger change of speed; return the last one (m/s).
 
-    There are at most `sweeps`. Only a share of each change is made: with a share of 0 the return
-    value tells how far the impulses are from the laws.
+    There are at most `sweeps`. Only a share of each change is made: with a share of 0
+    nothing changes, and the returned speed is the error of the impulses.
     """
     largest = 0.0
     for sweep in range(sweeps):

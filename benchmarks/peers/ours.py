@@ -8,10 +8,9 @@ import numpy as np
 
 from benchmarks.peers.engine import Engine, Prediction, Prepared
 from benchmarks.scenes import Instance
-from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import Simulator, make_simulator, pack_worlds
 
-NAMES = ("event_driven", "stepped")  # our engines, in the order in which `auto` prefers them
+NAMES = ("event_driven", "stepped")  # our engines, of which the first is `auto`
 
 
 class Ours(Engine):
@@ -24,11 +23,6 @@ class Ours(Engine):
         self._simulator = simulator
         self._orientations = orientations
         self._threads = threads
-
-    def simulates(self, instance: Instance) -> bool:
-        return self._simulator != "event_driven" or all(
-            isinstance(shape, Sphere) for shape in instance.shapes
-        )
 
     def prepare(self, instance: Instance, steps: int, time_step: float) -> Prepared:
         simulator = make_simulator(self._simulator, threads=self._threads)

@@ -20,8 +20,7 @@ GAP, READINGS = 1e-3, 3  # s, and gaps at each sample
 SAMPLES = np.arange(1, 31) * 0.1  # s
 # s, outputs to ask for
 TIMES: NDArray[np.float64] = (SAMPLES[:, None] + GAP * np.arange(READINGS + 1)).ravel()
-# s over which an engine of ours may hold contact forces constant
-HELD = {"event_driven": 0.0, "stepped": 0.01}
+STEP = 0.01  # s over which our engines hold contact forces constant that have no closed form
 ALIKE = 5e-4  # m; readings that differ by less than the energy of this height are of one state
 FALLING = 1e-3  # part of g; what falls with g to this part touches nothing
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.peers.ours import NAMES
 from benchmarks.scenes import MIXED, thrown
-from benchmarks.simulation.energy import HELD, TIMES, Masses, largest_gains
+from benchmarks.simulation.energy import STEP, TIMES, Masses, largest_gains
 from benchmarks.simulation.overlaps import find_overlaps
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Scene
@@ -19,7 +20,7 @@ SEED = 36  # of all scenes
 MOST_OBJECTS = 6
 HALF_ROOM = 1.5  # m; objects meet more often than in the large room
 BATCH = 200  # scenes of a rollout
-SPHERES_EVERY = 4  # one scene in as many has spheres only, for `event_driven`
+SPHERES_EVERY = 4  # one scene in as many has spheres only
 DENSE_BATCH = 40  # scenes of a rollout with dense outputs
 DENSE_TIMES = np.linspace(0.002, 3.0, 1500)  # s
 MATERIALS = (*(f"material_{i}" for i in range(MOST_OBJECTS)), "room")
@@ -63,13 +64,16 @@ class Kept:
 
 def run_random_scenes(scenes: int, dense: int) -> list[Kept]:
     """Simulate random scenes; in the first `dense` of them overlaps are measured, too."""
-    kept = {name: Kept(name) for name in HELD}
+    kept = {name: Kept(name) for name in NAMES}
     for name in kept:
         for first in range(0, scenes, BATCH):
-            numbers = _able(name, range(first, min(first + BATCH, scenes)))
-            kept[name] = _with_energies(kept[name], numbers)
+            numbers = range(first, min(first + BATCH, scenes))
+            for spheres in (True, False):
+                alike = [number for number in numbers if spheres_only(number) == spheres]
+                held = 0.0 if spheres and name == "event_driven" else STEP
+                kept[name] = _with_energies(kept[name], alike, held)
         for first in range(0, dense, DENSE_BATCH):
-            numbers = _able(name, range(first, min(first + DENSE_BATCH, dense)))
+            numbers = range(first, min(first + DENSE_BATCH, dense))
             kept[name] = _with_overlaps(kept[name], numbers)
     return list(kept.values())
 
@@ -97,13 +101,13 @@ def random_parameters(rng: np.random.Generator) -> StaticParameters:
     return StaticParameters(MATERIALS, rng.uniform(50.0, 3000.0, size), symmetric)
 
 
-def _with_energies(kept: Kept, numbers: Sequence[int]) -> Kept:
+def _with_energies(kept: Kept, numbers: Sequence[int], held: float) -> Kept:
     scenes, parameters, rollout = _rollout(kept.engine, numbers, TIMES)
     gains = largest_gains(
         Masses.of(scenes, parameters),
         rollout.positions,
         _orientations(rollout),
-        HELD[kept.engine],
+        held,
     )
     return replace(
         kept,
@@ -123,11 +127,6 @@ def _with_overlaps(kept: Kept, numbers: Sequence[int]) -> Kept:
         in_objects=kept.in_objects.or_of(found.in_objects, numbers),
         missed=kept.missed + int(found.missed.sum()),
     )
-
-
-def _able(engine: str, numbers: Sequence[int]) -> list[int]:
-    """Return the numbers of scenes that an engine simulates."""
-    return [n for n in numbers if engine != "event_driven" or spheres_only(n)]
 
 
 def _rollout(

@@ -73,11 +73,11 @@ class Engine:
 @lru_cache
 def _simulator(name: str, step: float) -> Simulator:
     if name == "event_driven":
-        from intuitive_physics.simulation.event_driven import EventDrivenSimulator
+        from intuitive_physics.simulation.core.engines import EventDrivenSimulator
 
         return EventDrivenSimulator()
     if name == "stepped":
-        from intuitive_physics.simulation.stepped import SteppedSimulator
+        from intuitive_physics.simulation.core.engines import SteppedSimulator
 
         return SteppedSimulator(time_step=step)
     from intuitive_physics.simulation.bullet import BulletSimulator

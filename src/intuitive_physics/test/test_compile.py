@@ -14,8 +14,7 @@ from intuitive_physics.scene import Plane
 from intuitive_physics.shapes import Box, Capsule, Sphere
 from intuitive_physics.simulation import compile as compilation
 from intuitive_physics.simulation import pack_worlds
-from intuitive_physics.simulation.event_driven import EventDrivenSimulator
-from intuitive_physics.simulation.stepped import SteppedSimulator
+from intuitive_physics.simulation.core.engines import EventDrivenSimulator, SteppedSimulator
 
 from .laws_scenes import Body, coefficients, make_scene
 

@@ -11,7 +11,7 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject, StaticBox
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import WorldStatus
-from intuitive_physics.simulation.event_driven import EventDrivenSimulator
+from intuitive_physics.simulation.core.engines import EventDrivenSimulator
 from intuitive_physics.state import ObjectState
 
 G = 9.81

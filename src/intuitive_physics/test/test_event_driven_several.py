@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import WorldStatus
-from intuitive_physics.simulation.event_driven import EventDrivenSimulator
+from intuitive_physics.simulation.core.engines import EventDrivenSimulator
 
 from .laws_scenes import EVENT_DRIVEN, UPRIGHT, Body, coefficients, first_motion, make_scene
 

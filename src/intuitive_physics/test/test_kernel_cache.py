@@ -22,9 +22,8 @@ from intuitive_physics.simulation.compile import WARM_UPS
 PACKAGE = Path(intuitive_physics.__file__).parent
 SOURCES = sorted(PACKAGE.parents[1].glob("*/intuitive_physics*/**/*.py"))
 ENTRIES = (
-    ("intuitive_physics.simulation.stepped.kernel", "roll_worlds"),
-    ("intuitive_physics.simulation.event_driven.kernel", "roll_worlds"),
-    ("intuitive_physics.simulation.event_driven.roots", "first_fall_quadratic"),
+    ("intuitive_physics.simulation.core.kernel", "roll_worlds"),
+    ("intuitive_physics.simulation.spheres.roots", "first_fall_quadratic"),
     ("intuitive_physics.simulation.rigid_bodies.overlaps", "find_overlaps"),
 )
 

@@ -88,10 +88,10 @@ def test_a_batch_equals_its_members_alone(engine):
 
 def with_threads(name, threads):
     if name == "stepped":
-        from intuitive_physics.simulation.stepped import SteppedSimulator
+        from intuitive_physics.simulation.core.engines import SteppedSimulator
 
         return SteppedSimulator(threads=threads)
-    from intuitive_physics.simulation.event_driven import EventDrivenSimulator
+    from intuitive_physics.simulation.core.engines import EventDrivenSimulator
 
     return EventDrivenSimulator(threads=threads)
 

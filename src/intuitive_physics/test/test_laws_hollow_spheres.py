@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from intuitive_physics.scene import SceneObject
-from intuitive_physics.shapes import Box, Sphere
-from intuitive_physics.simulation import make_simulator, pack_worlds
-from intuitive_physics.simulation.automatic import suits_event_driven
+from intuitive_physics.shapes import Sphere
 
 from .laws_scenes import (
     EVENT_DRIVEN,
@@ -135,16 +133,6 @@ def test_both_engines_agree_where_spheres_lie_on_each_other():
     exact = 0.5 * gravity[0] / (1.0 + k / 0.64) * t * t
     for engine in (EVENT_DRIVEN, STEPPED):
         assert engine.path(scene, coefficients(0.9), [t])[0, 0, 0] == pytest.approx(exact, rel=2e-3)
-
-
-def test_auto_gives_hollow_spheres_to_event_driven():
-    theta = coefficients()
-    hollow = make_scene(sphere(SHELL, (0, 0, 0.3)))
-    box = make_scene(Body(Box((0.1, 0.1, 0.1)), (0, 0, 0.3)))
-    assert suits_event_driven(pack_worlds([hollow, box], theta)).tolist() == [True, False]
-    times = np.linspace(0.0, 0.5, 6)
-    chosen = make_simulator("auto").rollout([hollow], theta, times)
-    np.testing.assert_array_equal(chosen.positions[0], EVENT_DRIVEN.path(hollow, theta, times))
 
 
 def test_a_hollow_sphere_is_read_back():

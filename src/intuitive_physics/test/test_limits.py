@@ -13,9 +13,9 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Capsule, Sphere
 from intuitive_physics.simulation import WorldStatus, pack_worlds
-from intuitive_physics.simulation.event_driven.world import MOST_TOUCHED
 from intuitive_physics.simulation.rigid_bodies.overlaps import pushed_out
-from intuitive_physics.simulation.rigid_bodies.world import CONTACTS_A_BODY, MOST_PLANES
+from intuitive_physics.simulation.rigid_bodies.scratch import CONTACTS_A_BODY
+from intuitive_physics.simulation.rigid_bodies.world import MOST_PLANES, MOST_TOUCHED
 from intuitive_physics.state import ObjectState
 
 from .laws_scenes import (

@@ -272,13 +272,6 @@ def test_the_limit_of_overlap_is_a_quarter_of_the_smaller_radius(overlap, other)
 
 
 INEXPRESSIBLE = {
-    "event_driven box": (EVENT_DRIVEN, make_scene(Body(FLAT, (0, 0, 1))), "stepped"),
-    "event_driven capsule": (EVENT_DRIVEN, make_scene(Body(ROD, (0, 0, 1))), "stepped"),
-    "event_driven air": (
-        EVENT_DRIVEN,
-        make_scene(Body(Sphere(0.05), (0, 0, 1), air={"drag_coefficient": 0.5})),
-        "stepped",
-    ),
     "bullet sheet": (BULLET, make_scene(BALL, planes=[SHEET]), "sheet.*stepped"),
     "bullet drag": (
         BULLET,

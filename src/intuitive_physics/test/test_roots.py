@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from intuitive_physics.simulation.event_driven.detection import MOST_FALLS
-from intuitive_physics.simulation.event_driven.roots import next_fall
+from intuitive_physics.simulation.spheres.detection import MOST_FALLS
+from intuitive_physics.simulation.spheres.roots import next_fall
 
 
 @njit

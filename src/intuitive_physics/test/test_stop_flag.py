@@ -12,10 +12,8 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.simulation import make_simulator
-from intuitive_physics.simulation.automatic import AutomaticSimulator
 from intuitive_physics.simulation.bullet import BulletSimulator
-from intuitive_physics.simulation.event_driven import EventDrivenSimulator
-from intuitive_physics.simulation.stepped import SteppedSimulator
+from intuitive_physics.simulation.core.engines import EventDrivenSimulator, SteppedSimulator
 from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics.state import ObjectState
 
@@ -46,7 +44,7 @@ BOXES, BALLS = bouncing(Box((0.1, 0.12, 0.14))), bouncing(Sphere(0.05))
         (SteppedSimulator(threads=2), BOXES),
         (EventDrivenSimulator(max_events=10**15), BALLS),
         (EventDrivenSimulator(max_events=10**15, threads=2), BALLS),
-        (AutomaticSimulator(), BOXES),
+        (EventDrivenSimulator(), BOXES),
         (BulletSimulator(), bouncing(Sphere(0.05), 1)),
     ],
 )

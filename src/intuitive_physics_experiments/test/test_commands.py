@@ -229,7 +229,6 @@ def write(path: Path, text: str = "") -> Path:
         (["evaluate", "tosses.npz", "--drag", "0.4"], "for table tennis only"),
         (["evaluate", "set.npz", "--drag", "-1"], "drag coefficient is -1"),
         (["evaluate", "other.npz", "--magnus", "1"], "has the arrays a; expected"),
-        (["evaluate", "tosses.npz", "--engine", "event_driven"], "event_driven"),
         (
             ["calibrate", "folder", "--splits", "0"],
             "--splits is 0; expected a whole number, at least 1",

@@ -50,12 +50,8 @@ from intuitive_physics.simulation.rigid_bodies.overlaps import is_on_sheet
 from intuitive_physics.simulation.rigid_bodies.placing import place_environment, place_shape
 from intuitive_physics.simulation.rigid_bodies.planes import separation_from_plane
 from intuitive_physics.simulation.rigid_bodies.poses import set_rotation, support
-from intuitive_physics.simulation.rigid_bodies.world import (
-    Scratch,
-    body_at,
-    plane_at,
-    scratch_sizes,
-)
+from intuitive_physics.simulation.rigid_bodies.scratch import Scratch, scratch_sizes
+from intuitive_physics.simulation.rigid_bodies.world import body_at, plane_at
 from intuitive_physics.simulation.world_batch import SPHERE, WorldArrays, WorldBatch
 from intuitive_physics.state import ERROR_SIZE, POSITION, ROTATION
 from intuitive_physics_predictor.noise import StateSpread, add_error

@@ -15,7 +15,7 @@ from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.regions import BoxRegion, HalfSpaceRegion
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Sphere
-from intuitive_physics.simulation.event_driven.kernel import roll_worlds
+from intuitive_physics.simulation.core.kernel import roll_worlds
 from intuitive_physics.state import ObjectState
 from intuitive_physics_predictor.compile import warm_up
 from intuitive_physics_predictor.live.live_prediction import (

@@ -246,8 +246,8 @@ def test_invalid_prediction_is_refused():
         StateNoise(position=-1.0)
     with pytest.raises(InvalidInputError, match="noise"):
         StateNoise(linear_velocity=float("nan"))
-    with pytest.raises(UnsupportedSceneError, match="not a sphere"):
-        predict(box_scene(), THETA, [1.0], rng=rng, simulator=make_simulator("event_driven"))
+    with pytest.raises(UnsupportedSceneError, match="friction"):
+        predict(box_scene(), THETA, [1.0], rng=rng, simulator=make_simulator("bullet"))
 
 
 @pytest.mark.parametrize(("height", "falls"), [(-0.01, False), (-0.04, True)])

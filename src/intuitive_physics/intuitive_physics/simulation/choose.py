@@ -13,20 +13,14 @@ from intuitive_physics.simulation.rollout import Rollout
 from intuitive_physics.simulation.simulator import Simulator
 
 
-def _automatic(threads: int) -> Simulator:
-    from intuitive_physics.simulation.automatic import AutomaticSimulator
-
-    return AutomaticSimulator(threads=threads)
-
-
 def _event_driven(threads: int) -> Simulator:
-    from intuitive_physics.simulation.event_driven import EventDrivenSimulator
+    from intuitive_physics.simulation.core.engines import EventDrivenSimulator
 
     return EventDrivenSimulator(threads=threads)
 
 
 def _stepped(threads: int) -> Simulator:
-    from intuitive_physics.simulation.stepped import SteppedSimulator
+    from intuitive_physics.simulation.core.engines import SteppedSimulator
 
     return SteppedSimulator(threads=threads)
 
@@ -39,7 +33,7 @@ def _bullet(threads: int) -> Simulator:
 
 # Imported late: Numba and PyBullet each take a moment, and PyBullet may not be installed.
 SIMULATORS: dict[str, Callable[[int], Simulator]] = {
-    "auto": _automatic,
+    "auto": _event_driven,
     "event_driven": _event_driven,
     "stepped": _stepped,
     "bullet": _bullet,
@@ -47,8 +41,9 @@ SIMULATORS: dict[str, Callable[[int], Simulator]] = {
 """Makers of engines by name."""
 
 ENGINE_GUIDE = (
-    "auto: event_driven where it can, stepped elsewhere; event_driven: spheres without air, exact; "
-    "stepped: spheres, boxes and capsules, also in air; bullet: PyBullet, to compare with"
+    "event_driven, which is also auto: closed forms where motion has one, as for spheres without "
+    "air, and steps elsewhere; stepped: steps for all contacts, to compare with; bullet: PyBullet, "
+    "to compare with"
 )
 """Purpose of each engine, in the words that nodes and the command line show users."""
 

@@ -7,7 +7,7 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation.choose import make_simulator
-from intuitive_physics.simulation.event_driven.roots import first_fall_quadratic
+from intuitive_physics.simulation.spheres.roots import first_fall_quadratic
 from intuitive_physics.state import ObjectState
 
 
@@ -17,23 +17,8 @@ def warm_up() -> None:
         function()
 
 
-def warm_up_event_driven() -> None:
-    """Compile the kernels of the event-driven engine."""
-    _roll_out("event_driven")
-
-
-def warm_up_stepped() -> None:
-    """Compile the kernels of the stepped engine."""
-    _roll_out("stepped")
-
-
-def warm_up_free_flight() -> None:
-    """Compile what the prediction of free flight takes without an engine."""
-    first_fall_quadratic(1.0, 0.0, -9.81)
-
-
-def _roll_out(engine: str) -> None:
-    """Roll out one small scene with an engine.
+def warm_up_core() -> None:
+    """Compile the kernels of the core.
 
     Shapes, primitives and what is asked for are numbers to the kernels and not types: one call
     compiles them for all.
@@ -44,8 +29,13 @@ def _roll_out(engine: str) -> None:
         (ObjectState((0, 0, 0.1)),),
     )
     parameters = StaticParameters.uniform(["ball", "floor"])
-    make_simulator(engine).rollout([scene], parameters, [0.0, 0.5])
+    make_simulator("auto").rollout([scene], parameters, [0.0, 0.5])
 
 
-WARM_UPS: tuple[WarmUp, ...] = (warm_up_stepped, warm_up_event_driven, warm_up_free_flight)
+def warm_up_free_flight() -> None:
+    """Compile what the prediction of free flight takes without an engine."""
+    first_fall_quadratic(1.0, 0.0, -9.81)
+
+
+WARM_UPS: tuple[WarmUp, ...] = (warm_up_core, warm_up_free_flight)
 """Functions that `intuitive_physics.kernels.warm_up` calls, the longest first."""

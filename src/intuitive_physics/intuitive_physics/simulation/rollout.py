@@ -15,15 +15,15 @@ class WorldStatus(IntEnum):
 
     - OK: it was simulated to the end.
     - NOT_FINITE: a position or velocity has become infinite or NaN.
-    - TOO_MANY_EVENTS: event_driven has met more events than `max_events`, or something has hit
-      something more than 512 times for each body in one step of stepped.
-    - TOO_MANY_CONTACTS: an object touches more at once than an engine has room for: 12 planes and
-      boxes in event_driven; in stepped 48 contact points for each object, in all.
-    - TOO_FAST: stepped would need more than 4096 advances of a pair in a step to be sure that the
-      two do not pass through each other.
+    - TOO_MANY_EVENTS: spheres in closed form have met more events than `max_events`, or something
+      has hit something more than 512 times for each body in one step.
+    - TOO_MANY_CONTACTS: objects touch more at once than there is room for: 12 planes and boxes for
+      a sphere in closed form; 48 contact points for each object, in all.
+    - TOO_FAST: more than 4096 advances of a pair in a step would be needed to be sure that the two
+      do not pass through each other.
     - STOPPED: the simulation was ended by its flag.
-    - NOT_CONVERGED: stepped has not found forces or impulses that obey the laws at all contacts of
-      bodies that touch one another.
+    - NOT_CONVERGED: no forces or impulses were found that obey the laws at all contacts of bodies
+      that touch one another.
     - BEHIND_PLANE: an object begins with its centre behind a bounded plane through which it
       reaches. The plane holds only what is in front of it; see `Simulator.rollout_batch`.
     """

@@ -102,7 +102,7 @@ class Simulator(ABC):
         if worlds.contact_noise.any() and not self.takes_contact_noise:
             raise UnsupportedSceneError(
                 f"impacts are to be noisy, which {self.name} cannot simulate; "
-                "set their noise to 0 or use the simulator auto, event_driven or stepped"
+                "set their noise to 0 or use the simulator event_driven or stepped"
             )
         checked = _checked_times(times, worlds.size)
         if push_out:

@@ -15,7 +15,7 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import Environment
 from intuitive_physics.simulation import pack_worlds
-from intuitive_physics.simulation.event_driven.roots import first_fall_quadratic
+from intuitive_physics.simulation.spheres.roots import first_fall_quadratic
 from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import finite_array
 from intuitive_physics_cli.plugins import make_engine

@@ -22,13 +22,9 @@ from intuitive_physics.scene import Scene
 from intuitive_physics.simulation.rigid_bodies.distance import separation
 from intuitive_physics.simulation.rigid_bodies.placing import place_environment, place_shape
 from intuitive_physics.simulation.rigid_bodies.planes import separation_from_plane
+from intuitive_physics.simulation.rigid_bodies.scratch import Scratch, scratch_sizes
 from intuitive_physics.simulation.rigid_bodies.sheets import way_from_behind
-from intuitive_physics.simulation.rigid_bodies.world import (
-    Scratch,
-    body_at,
-    plane_at,
-    scratch_sizes,
-)
+from intuitive_physics.simulation.rigid_bodies.world import body_at, plane_at
 from intuitive_physics.simulation.world_batch import WorldArrays, WorldBatch, pack_worlds
 
 OVERLAP = np.dtype(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf
+
 from intuitive_physics.geometry.vectors import add, cross, load, norm, store
 from intuitive_physics.kernels import kernel
 from intuitive_physics.simulation.rigid_bodies.poses import (
@@ -10,7 +12,7 @@ from intuitive_physics.simulation.rigid_bodies.poses import (
     turned,
 )
 from intuitive_physics.simulation.rigid_bodies.world import body_at, plane_at
-from intuitive_physics.simulation.world_batch import BOX, CAPSULE
+from intuitive_physics.simulation.world_batch import BOX, CAPSULE, SPHERE
 
 
 @kernel
@@ -40,6 +42,22 @@ def place_object(
     body.inertia_ratio = inertia_ratio
     body.drag, body.magnus = air_factors[0], air_factors[1]
     set_inverse_inertia(body)
+    _set_closed_form(body)
+
+
+@kernel
+def _set_closed_form(body):
+    """Fill in what a sphere needs whose motion is taken in closed form, if this one's can be."""
+    heavy_outside = body.off_centre == 1 or body.round == 0
+    in_air = body.drag != 0.0 or body.magnus != 0.0
+    body.exact = body.kind == SPHERE and not heavy_outside and not in_air
+    body.followed = body.clustered = body.rounds_edge = body.touched_count = 0
+    body.mass = 1.0 / body.inverse_mass
+    body.rolling_share = 1.0 / (1.0 + body.inertia_ratio)
+    body.spin_gain = 1.0 / body.inertia_ratio
+    body.slip_gain = 1.0 + body.spin_gain
+    body.time, body.phase_end, body.impact_time = 0.0, inf, inf
+    body.impact_solid = -1
 
 
 @kernel

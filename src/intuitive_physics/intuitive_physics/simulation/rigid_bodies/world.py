@@ -6,11 +6,12 @@ segment or a box, given by its half extents) that is rounded by a radius.
 
 from __future__ import annotations
 
+from math import isfinite
+
 import numpy as np
 
-from intuitive_physics.kernels import fast_inlined
+from intuitive_physics.kernels import fast_inlined, kernel
 from intuitive_physics.kernels.pointers import record_getter
-from intuitive_physics.simulation.world_batch import WorldBatch
 from intuitive_physics.simulation.world_record import COMMON_FIELDS
 
 WARM_STARTS = 16
@@ -18,6 +19,9 @@ WARM_STARTS = 16
 
 MOST_PLANES = 64
 """Planes of which some may be bounded: each of those has a bit in a body's `behind`."""
+
+MOST_TOUCHED = 12
+"""Solids that one sphere can touch at once; one more and the world stops, TOO_MANY_CONTACTS."""
 
 LEVELS = 4
 """Spans over which islands are looked for."""
@@ -71,10 +75,32 @@ BODY = np.dtype(
         ("behind", "i8"),  # bit p is set once it has come behind the bounded plane p
         ("next_output", "i8"),
         ("warm_starts", "i8"),  # of its contacts that have one, see `WARM_START`
+        # Of a sphere in closed form, see `spheres`: its motion since its own `time` is
+        # x + v τ + a τ²/2 and ω + α τ, with the acceleration above.
+        ("exact", "i8"),  # 1 where it may be carried so
+        ("followed", "i8"),  # 1 while what it touches is known from its last event
+        ("mass", "f8"),  # kg
+        ("spin_acceleration", "f8", 3),  # rad/s²
+        ("end_velocity", "f8", 3),  # m/s, at `phase_end` where `rounds_edge`
+        ("time", "f8"),  # s
+        ("phase_end", "f8"),  # s, until when the accelerations hold
+        # Of a force along the surface, the part that accelerates a sphere in rolling contact,
+        # 1 / (1 + κ); friction takes the rest.
+        ("rolling_share", "f8"),
+        # Change of the spin's r ω, and of the slip, per change of velocity by friction.
+        ("spin_gain", "f8"),  # 1 / κ
+        ("slip_gain", "f8"),  # 1 + 1 / κ
+        ("impact_time", "f8"),  # s, of the next impact on a solid, infinite if none
+        ("impact_solid", "i8"),  # index of that solid
+        ("clustered", "i8"),  # 1 while the accelerations come from `clusters`
+        ("rounds_edge", "i8"),  # 1 while it goes round an edge or corner
+        # Solids it touches, in contacts that last: gap and normal velocity are zero.
+        ("touched_count", "i8"),
+        ("touched", "i8", MOST_TOUCHED),
     ],
     align=True,
 )
-"""A body: what it is, its motion over a part of a step, and its sleep."""
+"""A body: what it is, its motion over a part of a step or a phase, and its sleep."""
 
 WARM_START = np.dtype(
     [
@@ -138,7 +164,16 @@ CONTACT = np.dtype(
 """One point of contact, with the rows of its impulses."""
 
 MEMBER = np.dtype([("body", "i8")])
-"""One body of the island that is being stepped."""
+"""One body of the island that is being stepped, or of the spheres that go from event to event."""
+
+PAIR = np.dtype(
+    [
+        ("touches", "i8"),  # 1 in a contact that lasts
+        ("impact_time", "f8"),  # s, infinite if none
+    ],
+    align=True,
+)
+"""Two spheres in closed form."""
 
 ROW = np.dtype(
     [
@@ -168,6 +203,10 @@ WORLD = np.dtype(
         ("planes", "i8"),  # (P,) PLANE
         ("contacts", "i8"),  # (contact_room,) CONTACT, scratch
         ("members", "i8"),  # (n + b,) MEMBER, of the island that is stepped
+        ("followed", "i8"),  # (n,) MEMBER, of the spheres that go from event to event
+        ("pairs", "i8"),  # PAIR: that of bodies i and j > i is j (j - 1) / 2 + i
+        ("solids", "i8"),  # (S,) SOLID: planes, sheets, boxes
+        ("features", "i8"),  # (F,) FEATURE
         ("clipped", "i8"),  # (2, clipped_room, 3) float64, m, scratch: two polygons
         ("clipped_room", "i8"),
         ("rows", "i8"),  # (row_room,) ROW, scratch
@@ -181,6 +220,13 @@ WORLD = np.dtype(
         ("body_count", "i8"),
         ("plane_count", "i8"),
         ("contact_room", "i8"),
+        ("followed_count", "i8"),
+        ("closed_forms", "i8"),  # 1 where motion is carried in closed form wherever it has one
+        ("events", "i8"),  # so far
+        ("most_events", "i8"),
+        ("solid_count", "i8"),
+        ("open_planes", "i8"),  # solids that are planes without an edge
+        ("end", "f8"),  # s, up to when events are looked for
         ("output_count", "i8"),  # outputs wanted in this world
         ("output_room", "i8"),  # T
         ("gravity_size", "f8"),  # m/s²
@@ -193,7 +239,7 @@ WORLD = np.dtype(
 _body, _plane = record_getter(BODY), record_getter(PLANE)
 _contact = record_getter(CONTACT)
 _warm_start = record_getter(WARM_START)
-_member = record_getter(MEMBER)
+_member, _pair = record_getter(MEMBER), record_getter(PAIR)
 _row = record_getter(ROW)
 
 
@@ -212,6 +258,24 @@ def member_at(world, a):
 def set_member(world, a, i):
     """Let body i be the a-th of the island that is being stepped."""
     _member(world.members, a).body = i
+
+
+@fast_inlined
+def followed_at(world, a):
+    """Index of the a-th of the spheres that go from event to event."""
+    return _member(world.followed, a).body
+
+
+@fast_inlined
+def set_followed(world, a, i):
+    """Let body i be the a-th of the spheres that go from event to event."""
+    _member(world.followed, a).body = i
+
+
+@fast_inlined
+def pair_of(world, i, j):
+    """The record of two bodies that move, in either order."""
+    return _pair(world.pairs, (j * (j - 1)) // 2 + i if i < j else (i * (i - 1)) // 2 + j)
 
 
 @fast_inlined
@@ -241,6 +305,13 @@ def clipped_polygon(world, side):
     return world.clipped + side * world.clipped_room * 24
 
 
+@kernel
+def is_finite(body):
+    """Whether position and velocity of a body are numbers."""
+    x, v = body.position, body.velocity
+    return isfinite(x[0] + x[1] + x[2] + v[0] + v[1] + v[2])
+
+
 @fast_inlined
 def column(array, k):
     """Column k of a matrix that is stored row by row: axis k of a rotated body."""
@@ -265,62 +336,3 @@ def transposed_times(matrix, a):
         matrix[1] * a[0] + matrix[4] * a[1] + matrix[7] * a[2],
         matrix[2] * a[0] + matrix[5] * a[1] + matrix[8] * a[2],
     )
-
-
-CONTACTS_A_BODY = 48
-"""Room for contacts for each body that moves; with more in all, a world stops."""
-
-MOST_ROWS = 384
-"""Most equations that are solved directly: 64 contacts with rolling friction, 128 without."""
-
-
-class Scratch:
-    """Room for one world; the arrays live as long as this does.
-
-    Parameters
-    ----------
-    moving, boxes, planes, corners : the most that it has of each, corners of one plane
-    contacts_a_body : 0 where only gaps are asked for
-    """
-
-    def __init__(
-        self,
-        moving: int,
-        boxes: int,
-        planes: int,
-        corners: int,
-        contacts_a_body: int = CONTACTS_A_BODY,
-    ) -> None:
-        self.bodies = np.zeros(moving + boxes, BODY)
-        self.warm_starts = np.zeros((moving, WARM_STARTS), WARM_START)
-        self.planes = np.zeros(planes, PLANE)
-        self.contacts = np.zeros(contacts_a_body * moving, CONTACT)
-        # Each half-space that cuts a convex polygon adds at most one corner to it: four of another
-        # box's face, or one at each edge of a plane.
-        self.clipped = np.zeros((2, 4 + max(4, corners), 3))
-        self.members = np.zeros(moving + boxes, MEMBER)
-        self.rows = np.zeros(min(6 * len(self.contacts), MOST_ROWS), ROW)
-        self.matrix = np.zeros((len(self.rows), len(self.rows)))
-        self.right = np.zeros(len(self.rows))
-        self.world = np.zeros(1, WORLD)
-        for name in (
-            "bodies",
-            "warm_starts",
-            "planes",
-            "contacts",
-            "clipped",
-            "members",
-            "rows",
-            "matrix",
-        ):
-            self.world[name] = getattr(self, name).ctypes.data
-        self.world["right"] = self.right.ctypes.data
-        self.world["row_room"] = len(self.rows)
-        self.world["contact_room"] = len(self.contacts)
-        self.world["clipped_room"] = self.clipped.shape[1]
-
-
-def scratch_sizes(worlds: WorldBatch) -> tuple[int, int, int, int]:
-    """Return how many moving bodies, boxes, planes and corners a batch's worlds have at most."""
-    moving = int(worlds.object_counts.max())
-    return moving, worlds.boxes.shape[1], worlds.planes.shape[1], worlds.corners.shape[2]

@@ -22,7 +22,12 @@ from intuitive_physics.geometry.vectors import (
     sub,
 )
 from intuitive_physics.kernels import fast_inlined, kernel
-from intuitive_physics.kernels.pointers import float_at, put_float
+from intuitive_physics.simulation.rigid_bodies.outputs import (
+    TIME_ROUNDING,
+    output_time,
+    write_orientation,
+    write_position,
+)
 from intuitive_physics.simulation.rigid_bodies.poses import (
     angular_momentum,
     centre_of_mass,
@@ -32,9 +37,6 @@ from intuitive_physics.simulation.rigid_bodies.poses import (
 )
 from intuitive_physics.simulation.rigid_bodies.world import body_at, times, transposed_times
 from intuitive_physics.simulation.world_batch import SPHERE
-
-TIME_ROUNDING = 1e-12
-"""s. An output this little after a step's end belongs to it."""
 
 LARGEST_TURN = 1.0
 """rad that a body of unequal moments of inertia turns at most in a part of a step."""
@@ -223,36 +225,3 @@ def write_outputs(world, i, start, after):
         body.next_output = k
         # The orientation is now that of an output.
         body.placed_after = -1.0
-
-
-@kernel
-def write_rest(world, i, end):
-    """Write the outputs of a body that does not move, up to and including time `end`."""
-    body = body_at(world, i)
-    k = body.next_output
-    while k < world.output_count and output_time(world, k) <= end + TIME_ROUNDING:
-        write_position(world, i, k, load(body.position))
-        if world.orientations != 0:
-            write_orientation(world, i, k)
-        k += 1
-    body.next_output = k
-
-
-@fast_inlined
-def output_time(world, k):
-    return float_at(world.times, k)
-
-
-@fast_inlined
-def write_position(world, i, k, position):
-    at = 3 * (i * world.output_room + k)
-    for c in range(3):
-        put_float(world.positions, at + c, position[c])
-
-
-@fast_inlined
-def write_orientation(world, i, k):
-    at = 4 * (i * world.output_room + k)
-    orientation = body_at(world, i).orientation
-    for c in range(4):
-        put_float(world.orientations, at + c, orientation[c])

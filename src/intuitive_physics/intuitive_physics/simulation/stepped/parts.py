@@ -6,12 +6,14 @@ from math import inf
 
 from intuitive_physics.geometry.vectors import add_scaled, load, norm, store
 from intuitive_physics.kernels import fast_inlined, kernel
+from intuitive_physics.simulation.rigid_bodies.outputs import TIME_ROUNDING
 from intuitive_physics.simulation.rigid_bodies.poses import rotate
 from intuitive_physics.simulation.rigid_bodies.world import body_at, contact_at, member_at
 from intuitive_physics.simulation.rollout import NOT_CONVERGED, OK, TOO_FAST, TOO_MANY_EVENTS
 from intuitive_physics.simulation.stepped.collision import find_contacts, part_overlaps
 from intuitive_physics.simulation.stepped.contacts import (
     STEADY,
+    let_press,
     prepare,
     speed_along,
     speed_at,
@@ -19,7 +21,6 @@ from intuitive_physics.simulation.stepped.contacts import (
 from intuitive_physics.simulation.stepped.impacts import IMPACT_GAP, rebound
 from intuitive_physics.simulation.stepped.motion import (
     LARGEST_TURN,
-    TIME_ROUNDING,
     begin,
     finish,
     free_acceleration,
@@ -182,12 +183,8 @@ def _activate(world, count, duration, threshold):
 
 @kernel
 def _let_press(world, contact, speed, duration):
-    contact.active = 1
+    let_press(contact, duration)
     contact.first_speed = speed
-    contact.least_speed = -max(contact.gap, 0.0) / duration
-    contact.friction = contact.static if contact.sticks == 1 else contact.dynamic
-    contact.roll_limit = contact.roll_radius
-    contact.rolls = contact.sticks == 1 and contact.roll_radius > 0.0
     plays = abs(speed) > STEADY * duration * world.gravity_size
     _mark(body_at(world, contact.first), plays)
     if contact.second >= 0:

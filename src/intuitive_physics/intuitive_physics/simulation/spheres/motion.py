@@ -1,4 +1,4 @@
-"""Evolve: carry objects along their closed-form motion and write what was asked for.
+"""Evolve: carry spheres along their closed-form motion and write what was asked for.
 
 Positions are parabolas. Orientations are those of bodies whose spin ω + α τ changes linearly.
 
@@ -27,7 +27,9 @@ from intuitive_physics.geometry.vectors import (
     store,
 )
 from intuitive_physics.kernels import inlined, kernel
-from intuitive_physics.simulation.event_driven.world import object_at
+from intuitive_physics.kernels.pointers import float_at, put_float
+from intuitive_physics.simulation.rigid_bodies.outputs import output_time, write_orientation
+from intuitive_physics.simulation.rigid_bodies.world import body_at
 
 LONGEST_TURN = 0.15
 """rad. A piece of a motion whose spin changes direction turns no further."""
@@ -64,42 +66,40 @@ def carry(body, t, turns):
     store(body.velocity, add_scaled(velocity, acceleration, tau))
     store(body.spin, add_scaled(spin, spin_acceleration, tau))
     body.time = t
-    if body.turning and t >= body.phase_end:
+    if body.rounds_edge and t >= body.phase_end:
         store(body.velocity, load(body.end_velocity))
 
 
 @kernel
-def write_outputs(world, i, t, times, positions, orientations):
-    """Write all outputs of the present phase of object i up to and including time t (s).
-
-    Output times (T,) s, positions (O, T, 3), orientations (O, T, 4), these only if they are wanted.
-    """
-    body = object_at(world, i)
+def write_outputs(world, i, t):
+    """Write all outputs of the present phase of body i up to and including time t (s)."""
+    body = body_at(world, i)
     first = body.next_output
     last = first
-    while last < times.size and times[last] <= t:
+    while last < world.output_count and output_time(world, last) <= t:
         last += 1
     if last == first:
         return
     body.next_output = last
-    _write_positions(body, times[first:last], positions[i, first:last])
-    if world.turns:
-        write_orientations(body, times[first:last], orientations[i, first:last])
+    _write_positions(world, i, first, last)
+    if world.orientations != 0:
+        _write_orientations(world, i, first, last)
 
 
 @kernel
-def _write_positions(body, times, positions):
+def _write_positions(world, i, first, last):
     # Copies keep the loop free of loads that a store might have changed.
-    since = body.time
+    body, times, positions = body_at(world, i), world.times, world.positions
+    since, at = body.time, 3 * i * world.output_room
     x, y, z = load(body.position)
     vx, vy, vz = load(body.velocity)
     ax, ay, az = load(body.acceleration)
-    for k in range(times.size):
-        tau = times[k] - since
+    for k in range(first, last):
+        tau = float_at(times, k) - since
         half = 0.5 * tau * tau
-        positions[k, 0] = x + tau * vx + half * ax
-        positions[k, 1] = y + tau * vy + half * ay
-        positions[k, 2] = z + tau * vz + half * az
+        put_float(positions, at + 3 * k, x + tau * vx + half * ax)
+        put_float(positions, at + 3 * k + 1, y + tau * vy + half * ay)
+        put_float(positions, at + 3 * k + 2, z + tau * vz + half * az)
 
 
 @kernel
@@ -131,42 +131,46 @@ def keeps_direction(spin, spin_acceleration, tau):
 
 
 @kernel
-def write_orientations(body, times, orientations):
-    """Write a body's orientations at times (T,) of its present phase into (T, 4)."""
+def _write_orientations(world, i, first, last):
+    """Write body i's orientations at the outputs `first` to `last` (exclusive) of its phase."""
+    body = body_at(world, i)
     spin, change = load(body.spin), load(body.spin_acceleration)
-    if times.size == 0:
-        return
-    span = times[times.size - 1] - body.time
+    span = output_time(world, last - 1) - body.time
     if keeps_direction(spin, change, span):
         along = add(spin, change) if dot(spin, change) >= 0.0 else add_scaled(spin, change, -1.0)
         size = norm(along)
         axis = scaled(along, 1.0 / size) if size > 0.0 else along
-        _write_turns(body, axis, dot(spin, axis), dot(change, axis), times, orientations)
+        _write_turns(world, i, axis, dot(spin, axis), dot(change, axis), first, last)
         return
-    q, at = load_quaternion(body.orientation), body.time
-    for k in range(times.size):
-        q = turned(q, add_scaled(spin, change, at - body.time), change, times[k] - at)
-        store_quaternion(orientations[k], q)
-        at = times[k]
+    start, at = load_quaternion(body.orientation), body.time
+    q = start
+    for k in range(first, last):
+        t = output_time(world, k)
+        q = turned(q, add_scaled(spin, change, at - body.time), change, t - at)
+        store_quaternion(body.orientation, q)
+        write_orientation(world, i, k)
+        at = t
+    store_quaternion(body.orientation, start)
 
 
 @kernel
-def _write_turns(body, axis, rate, change, times, orientations):
+def _write_turns(world, i, axis, rate, change, first, last):
     """Write orientations turned about one axis by rate τ + change τ²/2.
 
     q = (axis sin(φ/2), cos(φ/2)) q₀ is q₀ cos(φ/2) + p sin(φ/2) with p = (axis, 0) q₀. Sine and
     cosine are polynomials over an eighth of a turn, as branch-free as a vectorised loop must be.
     """
+    body, times, orientations = body_at(world, i), world.times, world.orientations
+    since, at = body.time, 4 * i * world.output_room
     bx, by, bz, bw = load_quaternion(body.orientation)
     px, py, pz, pw = axis_times(axis, (bx, by, bz, bw))
-    since = body.time
-    for k in range(times.size):
-        tau = times[k] - since
+    for k in range(first, last):
+        tau = float_at(times, k) - since
         s, c = _sine_cosine(0.5 * tau * (rate + 0.5 * tau * change))
-        orientations[k, 0] = c * bx + s * px
-        orientations[k, 1] = c * by + s * py
-        orientations[k, 2] = c * bz + s * pz
-        orientations[k, 3] = c * bw + s * pw
+        put_float(orientations, at + 4 * k, c * bx + s * px)
+        put_float(orientations, at + 4 * k + 1, c * by + s * py)
+        put_float(orientations, at + 4 * k + 2, c * bz + s * pz)
+        put_float(orientations, at + 4 * k + 3, c * bw + s * pw)
 
 
 @kernel

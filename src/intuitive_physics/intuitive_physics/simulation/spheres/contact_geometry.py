@@ -14,7 +14,13 @@ from intuitive_physics.geometry.vectors import (
     sub,
 )
 from intuitive_physics.kernels import kernel
-from intuitive_physics.simulation.event_driven.world import BOX, EDGE, PLANE, SIDE, feature_at
+from intuitive_physics.simulation.rigid_bodies.solids import (
+    BLOCK,
+    EDGE,
+    HALF_SPACE,
+    SIDE,
+    feature_at,
+)
 
 ON_FACE, ON_EDGE, ON_CORNER = range(3)
 """Part of a solid that is nearest."""
@@ -31,11 +37,11 @@ def nearest(world, solid, center, radius):
     solid's nearest point to the sphere. The axis is the direction of the edge where that point is
     on an edge, else zero. The part is ON_FACE, ON_EDGE or ON_CORNER.
     """
-    if solid.kind == BOX:
+    if solid.kind == BLOCK:
         return _nearest_on_box(solid, center, radius)
     n = load(solid.normal)
     height = dot(center, n) - solid.offset
-    if solid.kind == PLANE:
+    if solid.kind == HALF_SPACE:
         return height - radius, n, NO_AXIS, ON_FACE
     if not height >= 0.0:
         return inf, n, NO_AXIS, ON_FACE

@@ -1,36 +1,28 @@
-"""After an event: which contacts last, and how its objects move until the next one."""
+"""After an event: which contacts last, and how its spheres move until the next one."""
 
 from __future__ import annotations
 
 from intuitive_physics.geometry.vectors import add_scaled, dot, load, norm, store, sub
 from intuitive_physics.kernels import kernel
-from intuitive_physics.simulation.event_driven.clusters import (
+from intuitive_physics.simulation.rigid_bodies.solids import solid_at
+from intuitive_physics.simulation.rigid_bodies.world import body_at, followed_at, member_at, pair_of
+from intuitive_physics.simulation.spheres.clusters import (
     gather,
     plan_cluster,
     stop_jam,
 )
-from intuitive_physics.simulation.event_driven.contact_geometry import nearest
-from intuitive_physics.simulation.event_driven.contact_phases import (
+from intuitive_physics.simulation.spheres.contact_geometry import nearest
+from intuitive_physics.simulation.spheres.contact_phases import (
     PRESSES,
     STILL,
     plan_alone,
 )
-from intuitive_physics.simulation.event_driven.detection import (
+from intuitive_physics.simulation.spheres.detection import (
     position_at,
-    predict_object_impacts,
     predict_solid_impacts,
+    predict_sphere_impacts,
 )
-from intuitive_physics.simulation.event_driven.world import (
-    forget_touched,
-    lift,
-    member_at,
-    object_at,
-    pair_at,
-    pair_index,
-    part_overlap,
-    solid_at,
-    touch,
-)
+from intuitive_physics.simulation.spheres.touching import forget_touched, lift, part_overlap, touch
 
 JAM_GAP = 1e-7
 """m. Objects nearer than this take part in a jam."""
@@ -44,14 +36,14 @@ LOST = 1e-4
 
 @kernel
 def replan(world, i, count):
-    """Plan again the motion of object i, and of all that touch it, from their present time on.
+    """Plan again the motion of sphere i, and of all that touch it, from their present time on.
 
     They are the first `count` members that `gather` found.
     """
     roughly = False
     for k in range(count):
-        body = object_at(world, member_at(world, k))
-        roughly = roughly or body.clustered == 1 or body.turning == 1
+        body = body_at(world, member_at(world, k))
+        roughly = roughly or body.clustered == 1 or body.rounds_edge == 1
     _settle_contacts(world, count, CLUSTER_SPEED if roughly else STILL)
     if count > 1:
         count = gather(world, i)
@@ -61,9 +53,9 @@ def replan(world, i, count):
         _leave_cluster(world, count)
     for k in range(count):
         predict_solid_impacts(world, member_at(world, k))
-    if world.object_count > 1:
+    if world.followed_count > 1:
         for k in range(count):
-            predict_object_impacts(world, member_at(world, k))
+            predict_sphere_impacts(world, member_at(world, k))
 
 
 @kernel
@@ -71,7 +63,7 @@ def _leave_cluster(world, count):
     """Let members that can be planned by themselves go on with what lasts exactly."""
     clustered = False
     for k in range(count):
-        body = object_at(world, member_at(world, k))
+        body = body_at(world, member_at(world, k))
         clustered = clustered or body.clustered == 1
         body.clustered = 0
     if clustered:
@@ -82,9 +74,9 @@ def _leave_cluster(world, count):
 
 @kernel
 def end_jam(world, i):
-    """Resolve at once all contacts around object i, whose impacts find no end.
+    """Resolve at once all contacts around sphere i, whose impacts find no end.
 
-    All objects must have been brought to its time.
+    All spheres must have been brought to its time.
     """
     find_touching(world, i, JAM_GAP)
     stop_jam(world, gather(world, i))
@@ -92,18 +84,19 @@ def end_jam(world, i):
 
 @kernel
 def find_touching(world, i, tolerance):
-    """Take note of all that object i touches besides what is known, within `tolerance` (m)."""
-    body = object_at(world, i)
+    """Take note of all that sphere i touches besides what is known, within `tolerance` (m)."""
+    body = body_at(world, i)
     for s in range(world.solid_count):
         gap, _, _, _ = nearest(world, solid_at(world, s), load(body.position), body.radius)
         if abs(gap) < tolerance:
             touch(world, body, s)
-    for j in range(world.object_count):
+    for k in range(world.followed_count):
+        j = followed_at(world, k)
         if j != i:
-            other = object_at(world, j)
+            other = body_at(world, j)
             apart = sub(load(body.position), position_at(other, body.time))
             if abs(norm(apart) - body.radius - other.radius) < tolerance:
-                pair_at(world, pair_index(i, j)).touches = 1
+                pair_of(world, i, j).touches = 1
 
 
 @kernel
@@ -116,10 +109,10 @@ def _plan_apart(world, count):
         return True
     for k in range(count):
         i = member_at(world, k)
-        body = object_at(world, i)
+        body = body_at(world, i)
         for j in range(i):
-            if pair_at(world, pair_index(i, j)).touches:
-                other = object_at(world, j)
+            if pair_of(world, i, j).touches:
+                other = body_at(world, j)
                 apart = sub(load(body.position), load(other.position))
                 relative = sub(load(body.acceleration), load(other.acceleration))
                 if dot(relative, apart) < -PRESSES * norm(apart):
@@ -132,7 +125,7 @@ def _settle_contacts(world, count, tolerance):
     """Keep contacts that neither part nor close; the others are for the detection again."""
     for k in range(count):
         i = member_at(world, k)
-        body = object_at(world, i)
+        body = body_at(world, i)
         for t in range(body.touched_count - 1, -1, -1):
             solid = solid_at(world, body.touched[t])
             gap, n, _, _ = nearest(world, solid, load(body.position), body.radius)
@@ -145,9 +138,9 @@ def _settle_contacts(world, count, tolerance):
         if count == 1:
             return
         for j in range(i):
-            pair = pair_at(world, pair_index(i, j))
+            pair = pair_of(world, i, j)
             if pair.touches:
-                other = object_at(world, j)
+                other = body_at(world, j)
                 apart = sub(load(body.position), load(other.position))
                 relative = sub(load(body.velocity), load(other.velocity))
                 if abs(dot(relative, apart)) > tolerance * norm(apart):
@@ -158,14 +151,16 @@ def _settle_contacts(world, count, tolerance):
 
 @kernel
 def part_start(world):
-    """Move what overlaps at the start apart: noisy states of touching objects overlap a little."""
+    """Move what overlaps at the start apart: noisy states of touching spheres overlap a little."""
     for _ in range(20):
         moved = False
-        for i in range(world.object_count):
-            for j in range(i):
-                moved = part_overlap(object_at(world, i), object_at(world, j)) or moved
-        for i in range(world.object_count):
-            body = object_at(world, i)
+        for a in range(world.followed_count):
+            one = body_at(world, followed_at(world, a))
+            for b in range(a):
+                other = body_at(world, followed_at(world, b))
+                moved = part_overlap(one, other) or moved
+        for a in range(world.followed_count):
+            body = body_at(world, followed_at(world, a))
             for s in range(world.solid_count):
                 solid = solid_at(world, s)
                 gap, n, _, _ = nearest(world, solid, load(body.position), body.radius)

@@ -24,17 +24,11 @@ from intuitive_physics.geometry.vectors import (
     tangential,
 )
 from intuitive_physics.kernels import kernel
-from intuitive_physics.simulation.event_driven.contact_geometry import nearest
-from intuitive_physics.simulation.event_driven.world import (
-    object_at,
-    object_coefficient,
-    pair_at,
-    pair_index,
-    solid_at,
-    solid_coefficient,
-    touch,
-)
 from intuitive_physics.simulation.noisy_impacts import noisy_restitution, tilted
+from intuitive_physics.simulation.rigid_bodies.solids import solid_at
+from intuitive_physics.simulation.rigid_bodies.world import body_at, pair_of
+from intuitive_physics.simulation.spheres.contact_geometry import nearest
+from intuitive_physics.simulation.spheres.touching import pair_coefficient, solid_coefficient, touch
 from intuitive_physics.simulation.world_record import DYNAMIC, RESTITUTION, ROLLING
 
 REBOUND_SPEED = 5e-3
@@ -53,8 +47,8 @@ def contact_slip(body, n):
 
 @kernel
 def hit_solid(world, i, s):
-    """Let object i, touching solid s and approaching it, rebound."""
-    body = object_at(world, i)
+    """Let sphere i, touching solid s and approaching it, rebound."""
+    body = body_at(world, i)
     _, n, _, _ = nearest(world, solid_at(world, s), load(body.position), body.radius)
     restitution = solid_coefficient(world, RESTITUTION, i, s)
     if world.noisy == 1:
@@ -73,7 +67,7 @@ def hit_solid(world, i, s):
 
 @kernel
 def _rebound_from_solid(world, i, s, n, restitution):
-    body = object_at(world, i)
+    body = body_at(world, i)
     approach = -dot(load(body.velocity), n)
     rebound = approach * restitution
     if rebound < REBOUND_SPEED:
@@ -113,16 +107,18 @@ def _push(body, n, impulse):
     """Apply an impulse at the contact point -r n."""
     store(body.velocity, add_scaled(load(body.velocity), impulse, 1.0 / body.mass))
     turning = cross(n, impulse)
-    store(body.spin, add_scaled(load(body.spin), turning, -body.radius / body.inertia))
+    store(
+        body.spin, add_scaled(load(body.spin), turning, -body.radius * body.own_inverse_inertia[0])
+    )
 
 
 @kernel
-def hit_object(world, i, j):
-    """Let objects i and j, touching and approaching each other, rebound."""
-    one, other = object_at(world, i), object_at(world, j)
+def hit_sphere(world, i, j):
+    """Let spheres i and j, touching and approaching each other, rebound."""
+    one, other = body_at(world, i), body_at(world, j)
     apart = sub(load(one.position), load(other.position))
     n = scaled(apart, 1.0 / norm(apart))
-    restitution = object_coefficient(world, RESTITUTION, i, j)
+    restitution = pair_coefficient(world, RESTITUTION, i, j)
     if world.noisy == 1:
         restitution = noisy_restitution(world, restitution)
         slanted = tilted(world, n)
@@ -130,25 +126,25 @@ def hit_object(world, i, j):
         velocity, spin = load(one.velocity), load(one.spin)
         other_velocity, other_spin = load(other.velocity), load(other.spin)
         if -dot(sub(velocity, other_velocity), slanted) * restitution >= REBOUND_SPEED:
-            _rebound_of_objects(world, i, j, slanted, restitution)
+            _rebound_of_pair(world, i, j, slanted, restitution)
             if dot(sub(load(one.velocity), load(other.velocity)), n) >= REBOUND_SPEED:
                 return
             store(one.velocity, velocity)
             store(one.spin, spin)
             store(other.velocity, other_velocity)
             store(other.spin, other_spin)
-    _rebound_of_objects(world, i, j, n, restitution)
+    _rebound_of_pair(world, i, j, n, restitution)
 
 
 @kernel
-def _rebound_of_objects(world, i, j, n, restitution):
-    one, other = object_at(world, i), object_at(world, j)
+def _rebound_of_pair(world, i, j, n, restitution):
+    one, other = body_at(world, i), body_at(world, j)
     relative = sub(load(one.velocity), load(other.velocity))
     approach = -dot(relative, n)
     rebound = approach * restitution
     if rebound < REBOUND_SPEED:
         rebound = 0.0
-        pair_at(world, pair_index(i, j)).touches = 1
+        pair_of(world, i, j).touches = 1
     inverse_mass = 1.0 / one.mass + 1.0 / other.mass
     impulse = (approach + rebound) / inverse_mass
 
@@ -158,7 +154,7 @@ def _rebound_of_objects(world, i, j, n, restitution):
     total = scaled(n, impulse)
     if speed > 0.0:
         to_stick = speed / (one.slip_gain / one.mass + other.slip_gain / other.mass)
-        limit = object_coefficient(world, DYNAMIC, i, j) * impulse
+        limit = pair_coefficient(world, DYNAMIC, i, j) * impulse
         total = add_scaled(total, slip, -min(to_stick, limit) / speed)
     _push(one, n, total)
     _push(other, scaled(n, -1.0), scaled(total, -1.0))

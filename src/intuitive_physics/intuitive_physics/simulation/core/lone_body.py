@@ -1,15 +1,12 @@
 """A body with nothing near but one plane: in flight, or in contact with it, in closed form.
 
-The normal of a sphere passes through its centre, so that the impulses that `solver` searches can be
-written down, in rolling and in sliding contact.
-
-A capsule touches the plane at both ends of its axis. Where neither slips, they can be written down
-as well: static friction ends all motion along the axis a and about the normal n; about b = n × a
-the ends close their gaps; and about a the angular momentum about the line of contact is kept, which
-only rolling friction lowers.
+A capsule touches the plane at both ends of its axis. Where neither slips, the impulses that
+`solver` searches can be written down: static friction ends all motion along the axis a and about
+the normal n; about b = n × a the ends close their gaps; and about a the angular momentum about the
+line of contact is kept, which only rolling friction lowers.
 
 Where the forces stay the same from step to step, several steps are taken as one. So do those on
-what rolls or slides on a level plane.
+what rolls on a level plane.
 """
 
 from __future__ import annotations
@@ -22,7 +19,6 @@ from intuitive_physics.geometry.vectors import (
     norm,
     scaled,
     store,
-    sub,
     tangential,
 )
 from intuitive_physics.kernels import fast_inlined, kernel
@@ -41,96 +37,13 @@ from intuitive_physics.simulation.stepped.motion import (
     write_outputs,
 )
 from intuitive_physics.simulation.world_batch import CAPSULE, SPHERE
-from intuitive_physics.simulation.world_record import DYNAMIC, ROLLING, STATIC, coefficient
+from intuitive_physics.simulation.world_record import ROLLING, STATIC, coefficient
 
 SETTLED = 1e-9
 """m and m/s. Gaps and speeds that a step has closed or ended are smaller, but for rounding."""
 
 LEVEL = 1e-9
 """Part of gravity along a plane above which a rolling body may change its heading."""
-
-
-@kernel
-def sphere_after(world, body, plane, step, steps):
-    """Motion of a sphere on a plane after one step, or several whose forces are the same.
-
-    Returns whether the contact lasts and its mode is the same in all steps, and, if so, velocity
-    (m/s) and spin (rad/s) after them.
-    """
-    n, duration = load(plane.normal), step * steps
-    velocity, spin = load(body.velocity), load(body.spin)
-    gap = dot(n, load(body.position)) - plane.offset - body.radius
-    speed = dot(n, velocity)
-    if abs(speed) > STEADY * step * world.gravity_size:
-        return False, velocity, spin
-    if steps > 1 and not (max(abs(speed), gap) <= SETTLED and is_level(world, n)):
-        return False, velocity, spin
-    falling = add_scaled(velocity, load(world.gravity), duration)
-    leaving = -max(gap, 0.0) / duration
-    normal_impulse = (leaving - dot(n, falling)) / body.inverse_mass
-    if normal_impulse <= 0.0:
-        return False, velocity, spin
-    sliding = tangential(falling, n)
-    slip = norm(_slip(body, n, tangential(velocity, n), spin))
-    a, b = body.material, plane.material
-    if slip < STICK_SPEED:
-        arm = coefficient(world, ROLLING, a, b) * body.radius
-        after, turning = _rolled(body, n, sliding, spin, arm * normal_impulse)
-        grip = norm(sub(after, sliding))
-        if grip > coefficient(world, STATIC, a, b) * normal_impulse * body.inverse_mass:
-            return False, velocity, spin
-        if steps > 1 and (slip > SETTLED or _stops(n, spin, after, turning)):
-            return False, velocity, spin
-    else:
-        grip = coefficient(world, DYNAMIC, a, b) * normal_impulse
-        after, turning = _slid(body, n, sliding, spin, grip)
-        if steps > 1 and norm(_slip(body, n, after, turning)) < STICK_SPEED:
-            return False, velocity, spin
-    return True, add_scaled(after, n, leaving), turning
-
-
-@fast_inlined
-def _stops(n, spin, after, turning):
-    """Whether rolling, or turning about the normal, comes to its end within the steps."""
-    if dot(after, after) == 0.0:
-        return True
-    return dot(turning, n) == 0.0 and dot(spin, n) != 0.0
-
-
-@fast_inlined
-def _slip(body, n, sliding, spin):
-    """Velocity of the sphere's material at the plane."""
-    return add_scaled(sliding, cross(n, spin), body.radius)
-
-
-@kernel
-def _rolled(body, n, sliding, spin, limit):
-    """Velocity along the plane and spin once friction has ended the slip.
-
-    It keeps the angular momentum about the contact, (I + m r²) ω_t = I ω_t' + m r n × v', which
-    only rolling friction lowers, by at most `limit` (N m s); as it does the spin about n.
-    """
-    inertia, mass, r = body.inertia[0], 1.0 / body.inverse_mass, body.radius
-    about_contact = inertia + mass * r * r
-    momentum = add_scaled(scaled(tangential(spin, n), inertia), cross(n, sliding), mass * r)
-    size = norm(momentum)
-    left = 1.0 - limit / size if size > limit else 0.0
-    rolling = scaled(momentum, left / about_contact)
-    pivot, slowing = dot(spin, n), limit / inertia
-    pivot -= min(max(pivot, -slowing), slowing)
-    return scaled(cross(rolling, n), r), add_scaled(rolling, n, pivot)
-
-
-@kernel
-def _slid(body, n, sliding, spin, limit):
-    """Velocity along the plane and spin after friction of at most `limit` (N s)."""
-    r, inverse_inertia = body.radius, body.own_inverse_inertia[0]
-    slip = _slip(body, n, sliding, spin)
-    wanted = norm(slip) / (body.inverse_mass + r * r * inverse_inertia)
-    share = min(1.0, limit / wanted) if wanted > 0.0 else 0.0
-    impulse = scaled(slip, -share / (body.inverse_mass + r * r * inverse_inertia))
-    turned = add_scaled(spin, cross(impulse, n), r * inverse_inertia)
-    return add_scaled(sliding, impulse, body.inverse_mass), turned
 
 
 @kernel
@@ -239,7 +152,7 @@ def step_lone_body(world, i, start, step, steps):
     if p == FLIES:
         plan_flight(world, body, duration)
     else:
-        holds, velocity, spin = _after(world, body, plane_at(world, p), step, steps)
+        holds, velocity, spin = capsule_after(world, body, plane_at(world, p), step, steps)
         if not holds:
             return False
         store(body.velocity, velocity)
@@ -289,7 +202,7 @@ def _plane_below(world, body, duration):
             if gap < fall and body.kind != SPHERE:
                 gap, turning = height - support(body, n), _turning_way(body, duration)
             flies_free = flies_free and gap > fall + turning
-        elif touched == FLIES and _lies_on(body, plane, gap):
+        elif touched == FLIES and world.closed_forms == 1 and capsule_lies_on(body, plane):
             touched = p
         else:
             return MEETS_MORE
@@ -307,16 +220,3 @@ def _turning_way(body, duration):
     if angle > 0.5:
         return 2.0 * body.reach
     return body.reach * angle / (1.0 - angle)
-
-
-@fast_inlined
-def _lies_on(body, plane, gap):
-    return gap >= -OVERLAP if body.kind == SPHERE else capsule_lies_on(body, plane)
-
-
-@fast_inlined
-def _after(world, body, plane, step, steps):
-    """Whether the body stays in contact with the plane, and its velocity and spin afterwards."""
-    if body.kind == CAPSULE:
-        return capsule_after(world, body, plane, step, steps)
-    return sphere_after(world, body, plane, step, steps)

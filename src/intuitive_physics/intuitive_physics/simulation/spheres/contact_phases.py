@@ -39,26 +39,24 @@ from intuitive_physics.geometry.vectors import (
     tangential,
 )
 from intuitive_physics.kernels import kernel
-from intuitive_physics.simulation.event_driven.contact_geometry import (
+from intuitive_physics.simulation.rigid_bodies.solids import (
+    FACE,
+    HALF_SPACE,
+    SIDE,
+    feature_at,
+    solid_at,
+)
+from intuitive_physics.simulation.rigid_bodies.world import body_at
+from intuitive_physics.simulation.spheres.contact_geometry import (
     ON_EDGE,
     ON_FACE,
     arc_pull,
     arc_velocity,
     nearest,
 )
-from intuitive_physics.simulation.event_driven.impacts import contact_slip
-from intuitive_physics.simulation.event_driven.roots import first_fall_quadratic
-from intuitive_physics.simulation.event_driven.world import (
-    FACE,
-    PLANE,
-    SIDE,
-    feature_at,
-    forget_touched,
-    lift,
-    object_at,
-    solid_at,
-    solid_coefficient,
-)
+from intuitive_physics.simulation.spheres.impacts import contact_slip
+from intuitive_physics.simulation.spheres.roots import first_fall_quadratic
+from intuitive_physics.simulation.spheres.touching import forget_touched, lift, solid_coefficient
 from intuitive_physics.simulation.world_record import DYNAMIC, ROLLING, STATIC
 
 STILL = 1e-7
@@ -103,7 +101,7 @@ def contact_with(world, body, s):
     """
     solid = solid_at(world, s)
     gap, n, axis, part = nearest(world, solid, load(body.position), body.radius)
-    if part == ON_FACE and solid.kind != PLANE:
+    if part == ON_FACE and solid.kind != HALF_SPACE:
         axis, part = _edge_at_brim(world, body, solid, n)
     return gap, n, axis, part
 
@@ -124,14 +122,14 @@ def _edge_at_brim(world, body, solid, n):
 
 @kernel
 def plan_alone(world, i):
-    """Set the accelerations of object i and until when they hold, if one solid at most holds it.
+    """Set the accelerations of sphere i and until when they hold, if one solid at most holds it.
 
     Returns whether they are set; where several solids press they are undefined.
     """
-    body = object_at(world, i)
+    body = body_at(world, i)
     gravity = load(world.gravity)
     body.phase_end = inf
-    body.turning = 0
+    body.rounds_edge = 0
     if body.touched_count == 0:
         store(body.acceleration, gravity)
         store(body.spin_acceleration, (0.0, 0.0, 0.0))
@@ -189,12 +187,12 @@ def _parting(body, n, axis, part):
 
 @kernel
 def _plan_on_solid(world, i, s):
-    body = object_at(world, i)
+    body = body_at(world, i)
     _, n, axis, part = contact_with(world, body, s)
     pressing = _plan_on_contact(world, i, s, n, axis, part)
     if part != ON_FACE:
         _plan_turning(world, i, s, pressing)
-    elif solid_at(world, s).kind != PLANE:
+    elif solid_at(world, s).kind != HALF_SPACE:
         body.phase_end = min(body.phase_end, body.time + _time_on_face(world, body, s, n))
 
 
@@ -218,14 +216,14 @@ def _time_on_face(world, body, s, n):
 def _plan_turning(world, i, s, pressing):
     """Replace planned accelerations on an edge or corner by those in the middle of a short piece.
 
-    The midpoint rule: second order in the length of the piece. Afterwards the object is put back
+    The midpoint rule: second order in the length of the piece. Afterwards the sphere is put back
     on its arc. A piece ends where what presses (m/s²), linear in time, will be gone.
     """
-    body = object_at(world, i)
+    body = body_at(world, i)
     v, a = load(body.velocity), load(body.acceleration)
     if norm(v) == 0.0 and norm(a) == 0.0:
         return
-    body.turning = 1
+    body.rounds_edge = 1
     h = min(TURNING_PIECE, body.phase_end - body.time)
     h = max(h, SHORTEST_TURNING_PIECE)
     h = min(h, TURNING_ANGLE * body.radius / max(norm(v), STILL))
@@ -245,7 +243,7 @@ def _plan_turning(world, i, s, pressing):
 @kernel
 def _plan_middle(world, i, s, h, a, alpha):
     """Plan as in the middle of h seconds under the accelerations a and α; return what presses."""
-    body = object_at(world, i)
+    body = body_at(world, i)
     x, v, spin = load(body.position), load(body.velocity), load(body.spin)
     half = 0.5 * h
     middle = add_scaled(add_scaled(x, v, half), a, 0.5 * half * half)
@@ -262,8 +260,8 @@ def _plan_middle(world, i, s, h, a, alpha):
 
 @kernel
 def _plan_on_contact(world, i, s, n, axis, part):
-    """Set the accelerations of object i on a contact with solid s; return what presses, m/s²."""
-    body = object_at(world, i)
+    """Set the accelerations of sphere i on a contact with solid s; return what presses, m/s²."""
+    body = body_at(world, i)
     gravity = load(world.gravity)
     across = arc_velocity(load(body.velocity), axis, part)
     falling = dot(gravity, n)

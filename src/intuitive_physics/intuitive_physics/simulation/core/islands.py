@@ -1,9 +1,10 @@
 """Islands: bodies that may meet before a time, directly or through others, and their motion.
 
 Islands are looked for over spans of 32, 8, 2 steps and one. Whatever is an island of its own over a
-span is carried to its end at once; islands of several bodies are divided again over shorter spans,
-and what still may meet in the next step is stepped together. So each body has a clock of its own,
-and none can meet another that is not as far.
+span is carried to its end at once, and so is an island of spheres, from event to event; other
+islands of several bodies are divided again over shorter spans, and what still may meet in the next
+step is stepped together. So each body has a clock of its own, and none can meet another that is not
+as far.
 
 How far bodies can go is bounded by energy: those of an island can pass theirs on to one another, so
 the speed of each is at most √(2 E / m), with the island's kinetic energy E. Gravity lets √E grow by
@@ -12,21 +13,25 @@ g t √(M / 2) at most, with the island's mass M, and so that speed by g t √(M
 
 from __future__ import annotations
 
-from math import isfinite, sqrt
+from math import sqrt
 
 from intuitive_physics.geometry.vectors import dot, load, norm, sub
 from intuitive_physics.kernels import fast_inlined, kernel
+from intuitive_physics.simulation.core.lone_body import step_lone_body
+from intuitive_physics.simulation.rigid_bodies.outputs import write_rest
 from intuitive_physics.simulation.rigid_bodies.poses import angular_momentum
 from intuitive_physics.simulation.rigid_bodies.world import (
     LEVELS,
     body_at,
+    followed_at,
+    is_finite,
     member_at,
+    set_followed,
     set_member,
 )
 from intuitive_physics.simulation.rollout import NOT_FINITE, OK
+from intuitive_physics.simulation.spheres.events import follow
 from intuitive_physics.simulation.stepped.collision import MARGIN
-from intuitive_physics.simulation.stepped.lone_body import step_lone_body
-from intuitive_physics.simulation.stepped.motion import write_rest
 from intuitive_physics.simulation.stepped.parts import step_island
 from intuitive_physics.simulation.world_batch import BOX
 from intuitive_physics.simulation.world_record import stop_if_asked
@@ -36,8 +41,9 @@ SPANS = (32, 8, 2, 1)
 
 
 @kernel
-def carry_bodies(world, moving, total, step, threshold):
+def carry_bodies(world, total, step, threshold):
     """Simulate all moving bodies for `total` steps, or until all of them sleep."""
+    moving = world.moving
     for i in range(moving):
         body_at(world, i).done = 0
     now = 0
@@ -51,7 +57,7 @@ def carry_bodies(world, moving, total, step, threshold):
             if now % span == 0:
                 count = min(span, total - now)
                 _find_islands(world, moving, level, now, count * step)
-                if _carry_lone(world, moving, level, now, count, step, threshold):
+                if _carry_islands(world, moving, level, now, count, step, threshold):
                     advance = count
             level += 1
         if advance == 0:
@@ -72,9 +78,7 @@ def _all_sleep(world, moving):
 @kernel
 def _check_finite(world, moving):
     for i in range(moving):
-        body = body_at(world, i)
-        x, v = body.position, body.velocity
-        if not isfinite(x[0] + x[1] + x[2] + v[0] + v[1] + v[2]):
+        if not is_finite(body_at(world, i)):
             world.status = NOT_FINITE
 
 
@@ -182,20 +186,42 @@ def _bound_speeds(world, first, count, level):
 
 
 @kernel
-def _carry_lone(world, moving, level, now, count, step, threshold):
-    """Carry what is an island of its own over `count` steps; return whether that is all."""
+def _carry_islands(world, moving, level, now, count, step, threshold):
+    """Carry what is an island of its own, or one of spheres, over `count` steps.
+
+    Returns whether that is all.
+    """
     everything = True
     for i in range(moving):
         body = body_at(world, i)
         if body.done > now:
             everything = everything and body.done >= now + count
-        elif body.alone == 0:
-            everything = False
-        else:
+        elif body.alone == 1 and (body.asleep == 1 or body.exact == 0):
             body.done = now + count
             if body.asleep == 0:
                 _carry_alone(world, moving, i, now, count, step, threshold)
+        elif body.island[level] == i and _gather_spheres(world, moving, i, level, now):
+            for a in range(world.followed_count):
+                body_at(world, followed_at(world, a)).done = now + count
+            follow(world, now * step, (now + count) * step)
+        else:
+            everything = False
     return everything
+
+
+@kernel
+def _gather_spheres(world, moving, root, level, now):
+    """Let the bodies of an island be followed, if all are spheres in closed form; whether so."""
+    count = 0
+    for i in range(root, moving):
+        body = body_at(world, i)
+        if body.island[level] == root and body.done <= now:
+            if body.exact == 0:
+                return False
+            set_followed(world, count, i)
+            count += 1
+    world.followed_count = count
+    return True
 
 
 @kernel
@@ -261,6 +287,7 @@ def _step_islands(world, moving, now, step, threshold):
             if body_at(world, i).island[level] == root and body_at(world, i).done <= now:
                 set_member(world, count, i)
                 count += 1
+                body_at(world, i).followed = 0
                 if body_at(world, i).asleep == 1:
                     write_rest(world, i, start)
         members = _add_static(world, moving, count, step)

@@ -1,9 +1,10 @@
-"""Planes, sheets and boxes with their faces, edges and corners, as the kernels want them."""
+"""What never moves, with its faces, edges and corners, as spheres in closed form meet it."""
 
 from __future__ import annotations
 
 from math import inf
 
+import numpy as np
 from numba import int64
 
 from intuitive_physics.geometry.quaternions import rotated_axes
@@ -17,30 +18,77 @@ from intuitive_physics.geometry.vectors import (
     store,
     sub,
 )
-from intuitive_physics.kernels import kernel
-from intuitive_physics.simulation.event_driven.world import (
-    BOX,
-    CORNER,
-    EDGE,
-    FACE,
-    PLANE,
-    SHEET,
-    SIDE,
-    feature_at,
-    solid_at,
+from intuitive_physics.kernels import fast_inlined, kernel
+from intuitive_physics.kernels.pointers import record_getter
+
+HALF_SPACE, SHEET, BLOCK = range(3)
+"""Kinds of solids: plane without an edge, one-sided polygon, box."""
+
+SOLID = np.dtype(
+    [
+        ("kind", "i8"),
+        ("number", "i8"),  # of the plane, or of the box among those that never move
+        ("material", "i8"),
+        ("normal", "f8", 3),  # of a plane or sheet
+        ("offset", "f8"),  # m
+        ("center", "f8", 3),  # m, of a box, as are the next two
+        ("axes", "f8", (3, 3)),  # row k is the direction of edge length k
+        ("half_lengths", "f8", 3),  # m
+        ("low", "f8", 3),  # m, bounds of a sheet or box along the world's axes
+        ("high", "f8", 3),
+        ("first_feature", "i8"),  # of a sheet or box in the world's features
+        ("last_feature", "i8"),  # exclusive
+    ],
+    align=True,
 )
-from intuitive_physics.simulation.world_batch import WorldBatch
+"""A plane, a sheet or a box that never moves."""
+
+FACE, SIDE, EDGE, CORNER = range(4)
+"""Kinds of features. A side bounds a sheet: the plane through an edge that is normal to it."""
+
+FEATURE = np.dtype(
+    [
+        ("kind", "i8"),
+        ("direction", "f8", 3),  # outward normal of a face or side, direction of an edge
+        ("offset", "f8"),  # m, of a face or side
+        ("point", "f8", 3),  # m, where an edge starts, or the corner
+        ("length", "f8"),  # m, of an edge
+        ("low", "f8", 3),  # m, bounds along the world's axes, not of a side
+        ("high", "f8", 3),
+    ],
+    align=True,
+)
+"""A face, side, edge or corner of a sheet or box."""
+
+_solid, _feature = record_getter(SOLID), record_getter(FEATURE)
+
+
+@fast_inlined
+def solid_at(world, s):
+    return _solid(world.solids, s)
+
+
+@fast_inlined
+def feature_at(world, f):
+    return _feature(world.features, f)
+
+
+@fast_inlined
+def body_or_plane(world, solid):
+    """The solid as the second of a contact: a body that never moves, or -1 - p for plane p."""
+    return world.moving + solid.number if solid.kind == BLOCK else -1 - solid.number
+
 
 SHORTEST_EDGE = 1e-9
 """m. Corners of a boundary nearer than this are one."""
 
 
-def most_features(worlds: WorldBatch) -> int:
-    """Features that the sheets and boxes of one environment of a batch have at most."""
+def most_features(planes: int, boxes: int, corners: int) -> int:
+    """Features that so many planes, of so many corners each, and boxes have at most."""
     # A sheet has its face, and for each corner a side, an edge and the corner itself.
-    per_sheet = 1 + 3 * worlds.corners.shape[2] if worlds.corners.shape[2] else 0
+    per_sheet = 1 + 3 * corners if corners else 0
     per_box = 6 + 12 + 8
-    return worlds.planes.shape[1] * per_sheet + worlds.boxes.shape[1] * per_box
+    return planes * per_sheet + boxes * per_box
 
 
 @kernel
@@ -52,27 +100,28 @@ def place_solids(world, worlds, e):
     for p in range(worlds.plane_counts[e]):
         if corner_counts[p] == 0:
             solid = solid_at(world, s)
-            _place_plane(solid, planes[p], materials[p])
-            solid.kind = PLANE
+            _place_plane(solid, p, planes[p], materials[p])
+            solid.kind = HALF_SPACE
             s += 1
-    world.planes = s
+    world.open_planes = s
     for p in range(worlds.plane_counts[e]):
         if corner_counts[p] > 0:
             solid = solid_at(world, s)
-            _place_plane(solid, planes[p], materials[p])
+            _place_plane(solid, p, planes[p], materials[p])
             solid.kind = SHEET
             f = _place_sheet(world, solid, f, corners[p], corner_counts[p])
             s += 1
     for b in range(worlds.box_counts[e]):
         solid = solid_at(world, s)
+        solid.number = b
         f = _place_box(world, solid, f, worlds.boxes[e, b], worlds.box_materials[e, b])
         s += 1
     world.solid_count = s
 
 
 @kernel
-def _place_plane(solid, plane, material):
-    solid.material = material
+def _place_plane(solid, p, plane, material):
+    solid.number, solid.material = p, material
     store(solid.normal, load(plane))
     solid.offset = plane[3]
 
@@ -110,7 +159,7 @@ def _place_sheet(world, solid, f, corners, count):
 
 @kernel
 def _place_box(world, solid, f, box, material):
-    solid.kind = BOX
+    solid.kind = BLOCK
     solid.material = material
     store(solid.center, load(box))
     x, y, z = rotated_axes((box[3], box[4], box[5], box[6]))

@@ -1,4 +1,4 @@
-"""Detect: when each object will next hit something."""
+"""Detect: when each sphere will next hit something."""
 
 from __future__ import annotations
 
@@ -13,24 +13,22 @@ from intuitive_physics.geometry.vectors import (
     tangential,
 )
 from intuitive_physics.kernels import kernel
-from intuitive_physics.simulation.event_driven.contact_geometry import arc_pull, nearest
-from intuitive_physics.simulation.event_driven.roots import (
-    evaluate,
-    first_fall_quadratic,
-    next_fall,
-)
-from intuitive_physics.simulation.event_driven.world import (
+from intuitive_physics.simulation.rigid_bodies.solids import (
     EDGE,
     FACE,
     SHEET,
     SIDE,
     feature_at,
-    object_at,
-    pair_at,
-    pair_index,
     solid_at,
-    touches,
 )
+from intuitive_physics.simulation.rigid_bodies.world import body_at, followed_at, pair_of
+from intuitive_physics.simulation.spheres.contact_geometry import arc_pull, nearest
+from intuitive_physics.simulation.spheres.roots import (
+    evaluate,
+    first_fall_quadratic,
+    next_fall,
+)
+from intuitive_physics.simulation.spheres.touching import touches
 
 REACHED = 1e-7
 """m. A gap below this is none where a feature of a solid is hit."""
@@ -48,12 +46,12 @@ PASSED = 1e-4
 
 @kernel
 def predict_solid_impacts(world, i):
-    """Find the first solid that object i hits in its present phase."""
-    body = object_at(world, i)
+    """Find the first solid that sphere i hits in its present phase."""
+    body = body_at(world, i)
     position, velocity = load(body.position), load(body.velocity)
     acceleration = load(body.acceleration)
     first, solid = inf, -1
-    for s in range(world.planes):
+    for s in range(world.open_planes):
         plane = solid_at(world, s)
         n = load(plane.normal)
         speed, push = dot(velocity, n), dot(acceleration, n)
@@ -66,7 +64,7 @@ def predict_solid_impacts(world, i):
     if body.time + first <= body.phase_end:
         body.impact_time = body.time + first
         body.impact_solid = solid
-    if world.solid_count > world.planes:
+    if world.solid_count > world.open_planes:
         _predict_bounded_impacts(world, body)
 
 
@@ -77,7 +75,7 @@ def _predict_bounded_impacts(world, body):
     if not span >= 0.0:
         return
     low, high = _bounds_of_path(body, span)
-    for s in range(world.planes, world.solid_count):
+    for s in range(world.open_planes, world.solid_count):
         solid = solid_at(world, s)
         if not _overlaps(solid, low, high) or touches(body, s):
             continue
@@ -181,21 +179,20 @@ def _hits(world, body, solid, tau, gap_to_feature):
 
 
 @kernel
-def predict_object_impacts(world, i):
-    """Find when object i hits each other object while both are in their present phases."""
-    for j in range(world.object_count):
+def predict_sphere_impacts(world, i):
+    """Find when sphere i hits each other one while both are in their present phases."""
+    for k in range(world.followed_count):
+        j = followed_at(world, k)
         if j != i:
-            pair = pair_at(world, pair_index(i, j))
+            pair = pair_of(world, i, j)
             pair.impact_time = inf
             if not pair.touches:
-                pair.impact_time = _object_impact(
-                    object_at(world, i), object_at(world, j), world.end
-                )
+                pair.impact_time = _pair_impact(body_at(world, i), body_at(world, j), world.end)
 
 
 @kernel
-def _object_impact(one, other, end):
-    """Time of impact of two objects: a root of a quartic, of a quadratic where both fly freely."""
+def _pair_impact(one, other, end):
+    """Time of impact of two spheres: a root of a quartic, of a quadratic where both fly freely."""
     start = max(one.time, other.time)
     end = min(end, min(one.phase_end, other.phase_end))
     end = min(end, min(one.impact_time, other.impact_time))

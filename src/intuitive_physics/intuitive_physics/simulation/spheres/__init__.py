@@ -1,0 +1,1 @@
+"""Spheres without air in closed form, from event to event."""

@@ -121,12 +121,12 @@ def test_the_last_line_has_the_ratios_to_the_best_peer_and_the_laws():
     assert table.remarks[-1] == "left out: Rapier is missing"
 
 
-def test_random_scenes_of_spheres_are_simulated_by_both_engines():
+def test_random_scenes_are_simulated_by_both_engines():
     kept = {one.engine: one for one in run_random_scenes(8, dense=8)}
-    assert (kept["event_driven"].scenes, kept["event_driven"].dense_scenes) == (2, 2)
+    assert (kept["event_driven"].scenes, kept["event_driven"].dense_scenes) == (8, 8)
     assert (kept["stepped"].scenes, kept["stepped"].dense_scenes) == (8, 8)
-    assert kept["event_driven"].gain.value < 1e-9
-    assert kept["event_driven"].deepest < 1e-6
+    assert max(one.gain.value for one in kept.values()) < 0.01
+    assert max(one.deepest for one in kept.values()) < 1e-4
     assert sum(one.stopped + one.missed for one in kept.values()) == 0
 
 

@@ -28,7 +28,7 @@ from intuitive_physics_predictor.scores.highest_density import WITHIN_TWO_SIGMA
 
 SEED = 61  # of the throws, each of which has a generator of its own
 SPINS = (2.0, 10.0, 40.0)  # rad/s, standard deviations of each component of the spin
-THROWS, QUICK_THROWS = 30, 2  # of each pattern and spin
+THROWS, QUICK_THROWS = 30, 1  # of each pattern and spin
 FLIGHT = 0.7  # s of a throw at most; its first flight is shorter as a rule
 # rad/s, geometric mean of the standard deviations below which a spin counts as known: half of the
 # deviation that is assumed of an unknown spin

@@ -75,7 +75,7 @@ class Findings:
 
 def measure_real(scenes: Path, clouds: Path, quick: bool) -> Outcome:
     """Measure the scenes and the scans of two folders; nothing where there are none."""
-    parts = [_measure_scenes(scenes, quick), _measure_clouds(clouds)]
+    parts = [_measure_scenes(scenes, quick), _measure_clouds(clouds, quick)]
     return Outcome(
         [table for part in parts for table in part.tables],
         {key: value for part in parts for key, value in part.key_figures.items()},
@@ -83,7 +83,7 @@ def measure_real(scenes: Path, clouds: Path, quick: bool) -> Outcome:
 
 
 def _measure_scenes(folder: Path, quick: bool) -> Outcome:
-    scenes = load_scenes(folder)[:: 3 if quick else 1]
+    scenes = load_scenes(folder)[:: 9 if quick else 1]
     if not scenes:
         report_progress(f"real scenes left out: {folder} has no scene (.npz)")
         return Outcome()
@@ -264,9 +264,9 @@ def _scenes_table(named: dict[str, list[Findings]]) -> Table:
     )
 
 
-def _measure_clouds(folder: Path) -> Outcome:
+def _measure_clouds(folder: Path, quick: bool) -> Outcome:
     """Measure the LiDAR scans of a folder, each of which shows one ball."""
-    paths = sorted(folder.glob("lidar_ball_*.npz"))
+    paths = sorted(folder.glob("lidar_ball_*.npz"))[:: 3 if quick else 1]
     if not paths:
         report_progress(f"LiDAR scans left out: {folder} has no lidar_ball_*.npz")
         return Outcome()

@@ -52,7 +52,7 @@ class Effort:
 
 
 FULL = Effort(scenes=20, throws=10, peer_frames=3)  # for the results that are kept
-QUICK = Effort(scenes=5, throws=3, peer_frames=1)  # for a first look
+QUICK = Effort(scenes=3, throws=2, peer_frames=1)  # for a first look
 
 
 def measure_rendered(quick: bool) -> Outcome:

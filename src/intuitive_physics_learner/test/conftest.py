@@ -13,6 +13,7 @@ from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.simulation import Rollout, Simulator, WorldStatus, make_simulator
+from intuitive_physics.simulation.rigid_bodies.world import MOST_PLANES
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import ObservationStore, TrajectoryCost
@@ -132,11 +133,18 @@ def gliding_task():
 
 @pytest.fixture(scope="session")
 def boxed(glides):
-    """Observe a box, which the event-driven engine does not know."""
+    """Observe a box among more planes than the engines can step, of which the last is bounded."""
     observation = glides(np.random.default_rng(0), 0.5, id="boxed")
     (ball,) = observation.objects
     box = SceneObject("box", "ball", Box((0.1, 0.2, 0.3)))
-    return replace(observation, objects=(ObservedObject(box, ball.trajectory, ball.initial_state),))
+    square = np.array([[-1.0, -1, -9], [1, -1, -9], [1, 1, -9], [-1, 1, -9]])
+    planes = [Plane(f"floor {k}", "floor", [0, 0, 1], -1.0 - k) for k in range(MOST_PLANES)]
+    planes.append(Plane("sheet", "floor", [0, 0, 1], -9.0, boundary=square))
+    return replace(
+        observation,
+        environment=Environment([*FLOOR.planes, *planes]),
+        objects=(ObservedObject(box, ball.trajectory, ball.initial_state),),
+    )
 
 
 TRUE_PARAMETERS = StaticParameters.uniform(["ball", "floor"]).with_pair(

@@ -173,7 +173,7 @@ def test_reports_unusable_observations_and_continues(store, background, throws, 
     store.add_all(throws(1, 0, times=20))
     background.start(OPTIONS, cores=1, priority="normal")
     wait_until(lambda: background.report.state == WAITING and background.report.processed == 2)
-    assert "not a sphere" in background.report.message
+    assert "bounded one among the last" in background.report.message
     assert background.report.doubtful == 1
     assert store.newest_version() == 1
 

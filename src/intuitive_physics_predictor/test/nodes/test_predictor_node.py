@@ -333,13 +333,13 @@ def test_predict_answers_boxes_too(peer):
 
 
 def test_scene_unsupported_by_the_engine_is_refused():
-    arguments = ["-p", "simulator:=event_driven", "-r", "__node:=spheres_only"]
+    arguments = ["-p", "simulator:=bullet", "-r", "__node:=without_rolling"]
     objects = states_message((BOX,)).objects
     with NodeProcess(MODULE, arguments) as node, Peer("tester") as peer:
-        answer = peer.call(Predict, "/spheres_only/predict", predict_request(objects=objects))
+        answer = peer.call(Predict, "/without_rolling/predict", predict_request(objects=objects))
         node.check_running()
     assert answer.result.value == ResultCode.UNSUPPORTED_SCENE
-    assert "not a sphere" in answer.result.message
+    assert "bullet" in answer.result.message
 
 
 def spoilt_objects(change):

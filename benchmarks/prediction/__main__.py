@@ -66,7 +66,7 @@ class Effort:
 FULL = Effort(
     scenes=tuple(SCENES),
     estimated=tuple(SEEN),
-    steady=300.0,
+    steady=60.0,
     trial=10.0,
     settling=SETTLING,
     tries=TRIES,

@@ -21,6 +21,7 @@ from intuitive_physics.kernels import (
     kernel,
 )
 from intuitive_physics.kernels import warm_up as kernel_cache
+from intuitive_physics.kernels.part_library import PartLibrary
 
 CHANGED = f"Numba {numba.__version__} has changed; see intuitive_physics/kernels/decorators.py:"
 ARRAY = np.array([1.0, 2.0])
@@ -38,15 +39,31 @@ def new_array(count):
     return np.zeros(count)
 
 
-@pytest.mark.parametrize("option", [*decorators.WITHOUT_RUNTIME, *decorators.WITHOUT_WRAPPERS])
+@pytest.mark.parametrize("option", [*decorators.WITHOUT_RUNTIME, *decorators.AS_PART])
 def test_undocumented_options_are_accepted(option):
-    value = {**decorators.WITHOUT_RUNTIME, **decorators.WITHOUT_WRAPPERS}[option]
+    value = {**decorators.WITHOUT_RUNTIME, **decorators.AS_PART}[option]
     inner = njit(**{option: value})(first)
     try:
         got = njit(lambda array: inner(array))(ARRAY)
     except Exception as error:
         pytest.fail(f"{CHANGED} it refuses the option {option}={value}: {error}")
     assert got == 1.0
+
+
+def test_parts_are_compiled_with_their_entry_and_only_then():
+    inner = kernel(doubled)
+    middle = kernel(lambda number: inner(number) + 1.0)
+    outer = entry(lambda number: middle(number) + inner(number))
+    try:
+        assert outer(3.0) == 13.0
+    except Exception as error:
+        pytest.fail(f"{CHANGED} an entry does not find its parts (part_library.py): {error!r}")
+    for part in (inner, middle):
+        ((made,)) = part.overloads.values()
+        assert isinstance(made.library, PartLibrary), (
+            f"{CHANGED} a compiler's library is not the one that code is written into"
+        )
+        assert len(list(made.library.get_defined_functions())) == 1
 
 
 def test_a_kernel_without_the_run_time_can_allocate_nothing():

@@ -57,6 +57,9 @@ RELAXATION = 0.5
 MOST_SWEEPS = 256
 """Most sweeps after one of its steps: one after the first, twice as many after each further one."""
 
+LAST_SWEEPS = 20_000
+"""Most relaxed sweeps where Newton's method has found no end."""
+
 SAME_PLACE = 0.3
 """Motion in a step below which a contact is the same one, as a part of a body's reach."""
 
@@ -74,46 +77,46 @@ def solve(world, first, last, sweeps, precision, tolerance):
     if alone >= 0 and contact_at(world, alone).rolls == 0:
         if _solve_alone(world, contact_at(world, alone), sweeps, precision):
             return True
-    elif _sweep(world, first, last, sweeps, precision, 1.0) < precision:
+    elif sweep(world, first, last, sweeps, precision, 1.0) < precision:
         return True
     further = 1
     for step in range(NEWTON_STEPS):
         circles = step >= FREE_STEPS
         _step(world, first, last, HALVINGS if circles else 0)
         share = RELAXATION if circles else 1.0
-        change = _sweep(world, first, last, further, precision, share)
+        change = sweep(world, first, last, further, precision, share)
         if change < precision or (change < tolerance and step >= FEW_STEPS):
             return True
         further = min(2 * further, MOST_SWEEPS)
-    return False
+    return sweep(world, first, last, LAST_SWEEPS, precision, RELAXATION) < tolerance
 
 
 @kernel
 def _step(world, first, last, halvings):
     """Take a step of Newton's method, or so much of it that the laws are not violated more."""
-    before = _sweep(world, first, last, 1, 0.0, 0.0) if halvings > 0 else 0.0
+    before = sweep(world, first, last, 1, 0.0, 0.0) if halvings > 0 else 0.0
     rows = newton_step(world, first, last)
     share = 1.0
     for _ in range(halvings):
-        if rows == 0 or _sweep(world, first, last, 1, 0.0, 0.0) <= before:
+        if rows == 0 or sweep(world, first, last, 1, 0.0, 0.0) <= before:
             break
         share *= 0.5
         change_impulses(world, rows, -share)
 
 
 @kernel
-def _sweep(world, first, last, sweeps, precision, share):
+def sweep(world, first, last, sweeps, precision, share):
     """Sweep until a sweep asks for no larger change of speed; return the last one (m/s).
 
     There are at most `sweeps`. Only a share of each change is made: with a share of 0
     nothing changes, and the returned speed is the error of the impulses.
     """
     largest = 0.0
-    for sweep in range(sweeps):
+    for round_trip in range(sweeps):
         largest = 0.0
         for k in range(first, last):
             # To and fro: what one sweep carries up a stack the next one carries down.
-            c = k if sweep & 1 == 0 else first + last - 1 - k
+            c = k if round_trip & 1 == 0 else first + last - 1 - k
             contact = contact_at(world, c)
             if contact.active == 1:
                 change = _solve_contact(world, contact, share)

@@ -33,7 +33,7 @@ from intuitive_physics.simulation.rollout import NOT_FINITE, OK
 from intuitive_physics.simulation.spheres.events import follow
 from intuitive_physics.simulation.stepped.collision import MARGIN
 from intuitive_physics.simulation.stepped.parts import step_island
-from intuitive_physics.simulation.world_batch import BOX
+from intuitive_physics.simulation.world_batch import CAPSULE
 from intuitive_physics.simulation.world_record import stop_if_asked
 
 SPANS = (32, 8, 2, 1)
@@ -232,7 +232,7 @@ def _carry_alone(world, moving, i, first, count, step, threshold):
     while done < count and world.status == OK and body.asleep == 0:
         stop_if_asked(world)
         start = (first + done) * step
-        advance = min(advance, count - done) if _may_advance_many(body) else 1
+        advance = min(advance, count - done) if _may_advance_many(world, body) else 1
         if advance == 1:
             _step_alone(world, moving, i, start, step, threshold)
             done += 1
@@ -245,13 +245,13 @@ def _carry_alone(world, moving, i, first, count, step, threshold):
 
 
 @fast_inlined
-def _may_advance_many(body):
-    """Whether it is worth asking: contact forces on a box change from step to step."""
+def _may_advance_many(world, body):
+    """Whether it is worth asking: contact forces stay as they are on a capsule that rolls."""
     if body.drag != 0.0 or body.magnus != 0.0:
         return False
     if body.pressed == 0:
         return body.round == 1
-    return body.kind != BOX
+    return body.kind == CAPSULE and world.closed_forms == 1
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""The common fields of a world's record in all engines, and their values from a batch."""
+"""What a world's record has of its laws and its status, and the values from a batch."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COMMON_FIELDS = [
     ("gravity", "f8", 3),  # m/s²
     *NOISE_FIELDS,
 ]
-"""Fields of every engine's record of a world."""
+"""Fields of `WORLD` beside those of its bodies."""
 
 STATIC, DYNAMIC, ROLLING, RESTITUTION = range(4)
 """Kinds of coefficients, in the order of `StaticParameters.coefficients`."""
@@ -26,7 +26,7 @@ STATIC, DYNAMIC, ROLLING, RESTITUTION = range(4)
 
 @inlined
 def start_world(world, worlds, w, stop):
-    """Fill in what all engines need of world w of `WorldArrays`; `stop` is `StopFlag.number`."""
+    """Fill in these fields for world w of `WorldArrays`; `stop` is `StopFlag.number`."""
     world.status = OK
     world.stop = stop.ctypes.data
     table = worlds.coefficients[worlds.parameter_index[w]]

@@ -21,6 +21,7 @@ from intuitive_physics.simulation.rigid_bodies.world import (
     pair_of,
     set_followed,
     set_member,
+    sphere_contact_at,
 )
 from intuitive_physics.simulation.rollout import NOT_FINITE, OK, OutputArrays
 from intuitive_physics.simulation.spheres.events import follow_from_start
@@ -84,6 +85,8 @@ def _roll_world(world, step):
     """Roll out one world from its bodies' initial states; its record says how it ended."""
     end = output_time(world, world.output_count - 1)
     world.events = world.followed_count = 0
+    for c in range(world.sphere_contact_room):
+        sphere_contact_at(world, c).until = -1.0
     spheres_only = True
     for i in range(world.moving):
         for j in range(i):

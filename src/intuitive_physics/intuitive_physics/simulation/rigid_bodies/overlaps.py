@@ -1,7 +1,7 @@
 """Overlaps of the bodies of a world at the start, for which scenes are refused.
 
 A bounded plane holds what is in front of it. What begins with its centre behind one and reaches
-through it would fall: engines give such a world the status `BEHIND_PLANE`.
+through it would fall: such a world gets the status `BEHIND_PLANE`.
 """
 
 from __future__ import annotations

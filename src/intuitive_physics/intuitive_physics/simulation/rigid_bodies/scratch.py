@@ -9,9 +9,11 @@ from intuitive_physics.simulation.rigid_bodies.world import (
     BODY,
     CONTACT,
     MEMBER,
+    MOST_TOUCHED,
     PAIR,
     PLANE,
     ROW,
+    SPHERE_CONTACT,
     WARM_START,
     WARM_STARTS,
     WORLD,
@@ -54,6 +56,8 @@ class Scratch:
         self.pairs = np.zeros(moving * (moving - 1) // 2, PAIR)
         self.solids = np.zeros(planes + boxes, SOLID)
         self.features = np.zeros(most_features(planes, boxes, corners), FEATURE)
+        touched = min(MOST_TOUCHED, planes + boxes)
+        self.sphere_contacts = np.zeros(moving * touched + len(self.pairs), SPHERE_CONTACT)
         self.rows = np.zeros(min(6 * len(self.contacts), MOST_ROWS), ROW)
         self.matrix = np.zeros((len(self.rows), len(self.rows)))
         self.right = np.zeros(len(self.rows))
@@ -69,6 +73,7 @@ class Scratch:
             "pairs",
             "solids",
             "features",
+            "sphere_contacts",
             "rows",
             "matrix",
         ):
@@ -76,6 +81,7 @@ class Scratch:
         self.world["right"] = self.right.ctypes.data
         self.world["row_room"] = len(self.rows)
         self.world["contact_room"] = len(self.contacts)
+        self.world["sphere_contact_room"] = len(self.sphere_contacts)
         self.world["clipped_room"] = self.clipped.shape[1]
 
 

@@ -27,7 +27,6 @@ HALF_SPACE, SHEET, BLOCK = range(3)
 SOLID = np.dtype(
     [
         ("kind", "i8"),
-        ("number", "i8"),  # of the plane, or of the box among those that never move
         ("material", "i8"),
         ("normal", "f8", 3),  # of a plane or sheet
         ("offset", "f8"),  # m
@@ -73,12 +72,6 @@ def feature_at(world, f):
     return _feature(world.features, f)
 
 
-@fast_inlined
-def body_or_plane(world, solid):
-    """The solid as the second of a contact: a body that never moves, or -1 - p for plane p."""
-    return world.moving + solid.number if solid.kind == BLOCK else -1 - solid.number
-
-
 SHORTEST_EDGE = 1e-9
 """m. Corners of a boundary nearer than this are one."""
 
@@ -100,28 +93,27 @@ def place_solids(world, worlds, e):
     for p in range(worlds.plane_counts[e]):
         if corner_counts[p] == 0:
             solid = solid_at(world, s)
-            _place_plane(solid, p, planes[p], materials[p])
+            _place_plane(solid, planes[p], materials[p])
             solid.kind = HALF_SPACE
             s += 1
     world.open_planes = s
     for p in range(worlds.plane_counts[e]):
         if corner_counts[p] > 0:
             solid = solid_at(world, s)
-            _place_plane(solid, p, planes[p], materials[p])
+            _place_plane(solid, planes[p], materials[p])
             solid.kind = SHEET
             f = _place_sheet(world, solid, f, corners[p], corner_counts[p])
             s += 1
     for b in range(worlds.box_counts[e]):
         solid = solid_at(world, s)
-        solid.number = b
         f = _place_box(world, solid, f, worlds.boxes[e, b], worlds.box_materials[e, b])
         s += 1
     world.solid_count = s
 
 
 @kernel
-def _place_plane(solid, p, plane, material):
-    solid.number, solid.material = p, material
+def _place_plane(solid, plane, material):
+    solid.material = material
     store(solid.normal, load(plane))
     solid.offset = plane[3]
 

@@ -175,6 +175,22 @@ PAIR = np.dtype(
 )
 """Two spheres in closed form."""
 
+SPHERE_CONTACT = np.dtype(
+    [
+        ("first", "i8"),  # sphere
+        ("second", "i8"),  # sphere, or -1 - s for solid s
+        ("normal", "f8", 3),  # towards the first
+        ("least_speed", "f8"),  # m/s, along the normal at the step's end
+        ("slip", "f8"),  # m/s, at the step's start
+        ("normal_impulse", "f8"),  # N s, as are the next two, times m
+        ("friction", "f8", 3),
+        ("torque", "f8", 3),
+        ("until", "f8"),  # s, end of the step that the impulses are of, below zero if of none
+    ],
+    align=True,
+)
+"""One contact of a cluster of spheres, and the impulses of the last step that it was in."""
+
 ROW = np.dtype(
     [
         ("contact", "i8"),
@@ -207,6 +223,8 @@ WORLD = np.dtype(
         ("pairs", "i8"),  # PAIR: that of bodies i and j > i is j (j - 1) / 2 + i
         ("solids", "i8"),  # (S,) SOLID: planes, sheets, boxes
         ("features", "i8"),  # (F,) FEATURE
+        ("sphere_contacts", "i8"),  # (sphere_contact_room,) SPHERE_CONTACT
+        ("sphere_contact_room", "i8"),
         ("clipped", "i8"),  # (2, clipped_room, 3) float64, m, scratch: two polygons
         ("clipped_room", "i8"),
         ("rows", "i8"),  # (row_room,) ROW, scratch
@@ -239,6 +257,7 @@ WORLD = np.dtype(
 _body, _plane = record_getter(BODY), record_getter(PLANE)
 _contact = record_getter(CONTACT)
 _warm_start = record_getter(WARM_START)
+_sphere_contact = record_getter(SPHERE_CONTACT)
 _member, _pair = record_getter(MEMBER), record_getter(PAIR)
 _row = record_getter(ROW)
 
@@ -286,6 +305,11 @@ def plane_at(world, p):
 @fast_inlined
 def contact_at(world, c):
     return _contact(world.contacts, c)
+
+
+@fast_inlined
+def sphere_contact_at(world, c):
+    return _sphere_contact(world.sphere_contacts, c)
 
 
 @fast_inlined

@@ -87,7 +87,7 @@ def follow(world, start, end):
 def _take_over(world, i):
     """Follow sphere i, which has been stepped: what of its contacts lasts is found roughly."""
     body = body_at(world, i)
-    body.touched_count = body.warm_starts = 0
+    body.touched_count = 0
     body.followed = body.clustered = 1
     body.phase_end = body.time
     for j in range(world.moving):

@@ -77,35 +77,35 @@ def solve(world, first, last, sweeps, precision, tolerance):
     if alone >= 0 and contact_at(world, alone).rolls == 0:
         if _solve_alone(world, contact_at(world, alone), sweeps, precision):
             return True
-    elif sweep(world, first, last, sweeps, precision, 1.0) < precision:
+    elif _sweep(world, first, last, sweeps, precision, 1.0) < precision:
         return True
     further = 1
     for step in range(NEWTON_STEPS):
         circles = step >= FREE_STEPS
         _step(world, first, last, HALVINGS if circles else 0)
         share = RELAXATION if circles else 1.0
-        change = sweep(world, first, last, further, precision, share)
+        change = _sweep(world, first, last, further, precision, share)
         if change < precision or (change < tolerance and step >= FEW_STEPS):
             return True
         further = min(2 * further, MOST_SWEEPS)
-    return sweep(world, first, last, LAST_SWEEPS, precision, RELAXATION) < tolerance
+    return _sweep(world, first, last, LAST_SWEEPS, precision, RELAXATION) < tolerance
 
 
 @kernel
 def _step(world, first, last, halvings):
     """Take a step of Newton's method, or so much of it that the laws are not violated more."""
-    before = sweep(world, first, last, 1, 0.0, 0.0) if halvings > 0 else 0.0
+    before = _sweep(world, first, last, 1, 0.0, 0.0) if halvings > 0 else 0.0
     rows = newton_step(world, first, last)
     share = 1.0
     for _ in range(halvings):
-        if rows == 0 or sweep(world, first, last, 1, 0.0, 0.0) <= before:
+        if rows == 0 or _sweep(world, first, last, 1, 0.0, 0.0) <= before:
             break
         share *= 0.5
         change_impulses(world, rows, -share)
 
 
 @kernel
-def sweep(world, first, last, sweeps, precision, share):
+def _sweep(world, first, last, sweeps, precision, share):
     """Sweep until a sweep asks for no larger change of speed; return the last one (m/s).
 
     There are at most `sweeps`. Only a share of each change is made: with a share of 0

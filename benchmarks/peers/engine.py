@@ -49,10 +49,6 @@ class Engine(ABC):
     how: str
     optional = False
 
-    def simulates(self, instance: Instance) -> bool:
-        """Whether the engine can express the instance."""
-        return True
-
     @abstractmethod
     def prepare(self, instance: Instance, steps: int, time_step: float) -> Prepared:
         """Build the world, which is not measured."""

@@ -40,8 +40,6 @@ def scale_batches(repetitions: int, rng: np.random.Generator) -> Iterator[Scaled
     """Yield times of BATCHES simulations on one thread, and of the largest on THREADS."""
     for (scene, kinds), simulator in itertools.product(SCENES.items(), NAMES):
         first = thrown(kinds, rng)
-        if not Ours(simulator).simulates(first):
-            continue
         for size in BATCHES:
             instance = first.repeated(size, rng)
             counts = THREADS if size == BATCHES[-1] else THREADS[:1]

@@ -61,8 +61,8 @@ def test_ball_that_slides_rolls_and_stops(speed, spin, pivot, mu_s, share, mu_r,
     # step: the speed is then wrong by STICK_SPEED at most, and stays so. A phase that ends within a
     # step is resolved at its end, with forces of at most g: g h² for each of slip, rolling, pivot.
     # Rolling friction begins with the step after the one in which slip ends, up to h late: the
-    # speed is then wrong by μ_r g h / (1 + 2/5). Sweeps end where one changes no speed by more than
-    # PRECISION g h, in each step anew.
+    # speed is then wrong by μ_r g h / (1 + 2/5). In each step sweeps end where one changes no speed
+    # by more than PRECISION g h.
     # A contact that grips too little to roll against its whole rolling torque passes on a part in
     # closed form, and slips in steps: so friction is enough for both.
     mu_d = mu_s * share

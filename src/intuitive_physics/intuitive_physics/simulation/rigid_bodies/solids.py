@@ -77,7 +77,7 @@ SHORTEST_EDGE = 1e-9
 
 
 def most_features(planes: int, boxes: int, corners: int) -> int:
-    """Features that so many planes, of so many corners each, and boxes have at most."""
+    """Return the largest number of features of planes, each with `corners`, and boxes."""
     # A sheet has its face, and for each corner a side, an edge and the corner itself.
     per_sheet = 1 + 3 * corners if corners else 0
     per_box = 6 + 12 + 8

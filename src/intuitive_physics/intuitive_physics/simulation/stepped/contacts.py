@@ -90,16 +90,6 @@ def _look_up(world, contact):
     contact.rolling_inertia = 1.0 / response
 
 
-@kernel
-def let_press(contact, duration):
-    """Let a prepared contact press over a part of a step: its gap may close, and it grips."""
-    contact.active = 1
-    contact.least_speed = -max(contact.gap, 0.0) / duration
-    contact.friction = contact.static if contact.sticks == 1 else contact.dynamic
-    contact.roll_limit = contact.roll_radius
-    contact.rolls = contact.sticks == 1 and contact.roll_radius > 0.0
-
-
 @fast_inlined
 def _rolling_radius(contact, body, other):
     """The radius (m) of the round one of two bodies, the smaller one of two that are alike.

@@ -13,7 +13,6 @@ from intuitive_physics.simulation.rollout import NOT_CONVERGED, OK, TOO_FAST, TO
 from intuitive_physics.simulation.stepped.collision import find_contacts, part_overlaps
 from intuitive_physics.simulation.stepped.contacts import (
     STEADY,
-    let_press,
     prepare,
     speed_along,
     speed_at,
@@ -183,8 +182,12 @@ def _activate(world, count, duration, threshold):
 
 @kernel
 def _let_press(world, contact, speed, duration):
-    let_press(contact, duration)
+    contact.active = 1
     contact.first_speed = speed
+    contact.least_speed = -max(contact.gap, 0.0) / duration
+    contact.friction = contact.static if contact.sticks == 1 else contact.dynamic
+    contact.roll_limit = contact.roll_radius
+    contact.rolls = contact.sticks == 1 and contact.roll_radius > 0.0
     plays = abs(speed) > STEADY * duration * world.gravity_size
     _mark(body_at(world, contact.first), plays)
     if contact.second >= 0:

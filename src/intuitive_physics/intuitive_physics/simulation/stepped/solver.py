@@ -112,11 +112,11 @@ def _sweep(world, first, last, sweeps, precision, share):
     nothing changes, and the returned speed is the error of the impulses.
     """
     largest = 0.0
-    for round_trip in range(sweeps):
+    for sweep in range(sweeps):
         largest = 0.0
         for k in range(first, last):
             # To and fro: what one sweep carries up a stack the next one carries down.
-            c = k if round_trip & 1 == 0 else first + last - 1 - k
+            c = k if sweep & 1 == 0 else first + last - 1 - k
             contact = contact_at(world, c)
             if contact.active == 1:
                 change = _solve_contact(world, contact, share)

@@ -28,6 +28,9 @@ PID = "4321"
 TIMEOUT = 60.0
 """s until a command must have answered as the page says; it is asked again until then."""
 
+LONGEST_ANSWER = 20.0
+"""s after which a command is ended: `ros2` has been seen to answer and not to end."""
+
 
 @dataclass(frozen=True)
 class Step:
@@ -65,9 +68,10 @@ def steps() -> Iterator[Step]:
 
 
 def answer_to(home: Path, command: str) -> str:
-    """Run a command as a shell does, its home and folder `home`."""
+    """Run a command as a shell does, its home and folder `home`; return what it wrote."""
+    limit = ["timeout", "--kill-after=5", f"{LONGEST_ANSWER:g}"]
     done = subprocess.run(
-        command.replace("ros2", shlex.join(COMMAND), 1),
+        command.replace("ros2", shlex.join([*limit, *COMMAND]), 1),
         shell=True,
         env=environment(home),
         cwd=home,

@@ -33,7 +33,7 @@ from intuitive_physics_ros.scripting import NodeProcess, Peer
 from intuitive_physics_ros.topics import OBJECT_STATES, PREDICTIONS
 
 SEED = 23  # of the throws and of the camera's noise
-THROWS, QUICK_THROWS = 20, 4  # one after another
+THROWS, QUICK_THROWS = 20, 3  # one after another
 FIRST_THROWS = 1  # do not count: the learner's and the predictor's first work is done in them
 MICROSECOND = 1000  # ns, to which stamps are rounded: as seconds they are exact to 0.2 µs
 TIMEOUT = 60.0  # s to wait for the nodes

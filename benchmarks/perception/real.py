@@ -83,7 +83,7 @@ def measure_real(scenes: Path, clouds: Path, quick: bool) -> Outcome:
 
 
 def _measure_scenes(folder: Path, quick: bool) -> Outcome:
-    scenes = load_scenes(folder)[:: 9 if quick else 1]
+    scenes = load_scenes(folder)[:: 13 if quick else 1]
     if not scenes:
         report_progress(f"real scenes left out: {folder} has no scene (.npz)")
         return Outcome()

@@ -29,9 +29,9 @@ from intuitive_physics_ros.scripting import NodeProcess, PeerTimeoutError
 JUMP = 3600.0  # s by which a clock jumps: an hour, as of a wrong time zone
 # s of a fault in a full run and in a first look: without a camera or with a second node, where
 # /diagnostics come once a second; with a slow subscriber or with other busy processes
-ABSENCE, SHORT_ABSENCE = 6.0, 4.0
-PRESSURE, SHORT_PRESSURE = 10.0, 4.0
-REST = 5.0  # s from the end of starvation to the measurement of the rate of predictions
+ABSENCE, SHORT_ABSENCE = 6.0, 3.0
+PRESSURE, SHORT_PRESSURE = 10.0, 3.0
+REST, SHORT_REST = 5.0, 3.0  # s from the end of starvation to the measurement of the rate
 # MB by which the predictor may grow for a subscriber that takes nothing: its queue of 10 messages
 # of up to 6 MB
 SLOW_SUBSCRIBER_MEGABYTES = 60.0
@@ -68,14 +68,16 @@ def bear_faults(folder: Path, *, quick: bool) -> Outcome:
 
 def _measure_faults_around(folder: Path, *, quick: bool) -> dict[str, str]:
     """Return for each fault "ok" or a description of what was wrong."""
-    absence, pressure = (SHORT_ABSENCE, SHORT_PRESSURE) if quick else (ABSENCE, PRESSURE)
+    absence, pressure, rest = (
+        (SHORT_ABSENCE, SHORT_PRESSURE, SHORT_REST) if quick else (ABSENCE, PRESSURE, REST)
+    )
     faults: dict[bool, dict[str, Callable[[Suite], None]]] = {
         True: {"clock_back": partial(_clock, -JUMP), "clock_forward": partial(_clock, JUMP)},
         False: {
             "camera_gone_and_back": partial(_camera_gone, absence),
             "node_twice": partial(_node_twice, absence),
             "slow_subscriber": partial(_slow_subscriber, pressure),
-            "cpu_starved": partial(_cpu_starved, pressure),
+            "cpu_starved": partial(_cpu_starved, pressure, rest),
         },
     }
     results: dict[str, str] = {}
@@ -183,7 +185,7 @@ def _slow_subscriber(pressure: float, suite: Suite) -> None:
         raise FaultError(f"the predictor grew by {grown:.0f} MB")
 
 
-def _cpu_starved(pressure: float, suite: Suite) -> None:
+def _cpu_starved(pressure: float, rest: float, suite: Suite) -> None:
     usual = suite.predictions.rate(pressure / 2)
     with ExitStack() as killed:
         for _ in range(HOGS_A_CORE * len(os.sched_getaffinity(0))):
@@ -193,7 +195,7 @@ def _cpu_starved(pressure: float, suite: Suite) -> None:
         _check_pings(suite.nodes, share=1.0 / HOGS_A_CORE)
     if not starved:
         raise FaultError("no prediction while others took the processor")
-    time.sleep(REST)
+    time.sleep(rest)
     rate = suite.predictions.rate(pressure / 2)
     if rate < bars().kept_rate * usual:
         raise FaultError(f"{rate:.0f} predictions a second afterwards, {usual:.0f} before")

@@ -122,3 +122,19 @@ def test_a_heavy_ball_stands_on_a_light_one_in_a_shaft(engine, ratio):
     path = engine.path(scene, theta, np.linspace(0.05, 5.0, 100))
     starts = np.array([state.position for state in scene.states])
     np.testing.assert_allclose(path, np.repeat(starts[:, None], 100, axis=1), atol=5e-5)
+
+
+@pytest.mark.parametrize("heavy_first", [False, True])
+@pytest.mark.parametrize("count", [4, 8, 12])
+@pytest.mark.parametrize("ratio", [1, 3, 10, 100])
+def test_a_tower_of_light_and_heavy_cubes_stands(ratio, count, heavy_first):
+    # It is in balance: each cube bears the weight of those above it, and all centres are in line.
+    names = ["heavy", "light"] if heavy_first else ["light", "heavy"]
+    objects = tuple(SceneObject(f"c{k}", names[k % 2], Box((EDGE,) * 3)) for k in range(count))
+    states = tuple(ObjectState((0, 0, EDGE * (k + 0.5))) for k in range(count))
+    scene = Scene(Environment([Plane("floor", "floor", (0, 0, 1), 0.0)]), objects, states)
+    table = np.stack([np.full((3, 3), value) for value in (0.5, 0.4, 0.0, 0.0)])
+    theta = StaticParameters(["light", "heavy", "floor"], np.array([1.0, ratio, 1.0]), table)
+    path = STEPPED.path(scene, theta, np.linspace(0.05, 5.0, 100))
+    starts = np.array([state.position for state in states])
+    np.testing.assert_allclose(path, np.repeat(starts[:, None], 100, axis=1), atol=5e-5)

@@ -22,7 +22,7 @@ from intuitive_physics.simulation.stepped.contacts import (
     speed_along,
     twist,
 )
-from intuitive_physics.simulation.stepped.solver import SWEEPS, solve
+from intuitive_physics.simulation.stepped.solver import SOFT, SWEEPS, solve
 from intuitive_physics.simulation.world_batch import BOX, SPHERE
 
 IMPACT_GAP = 1e-5
@@ -93,9 +93,9 @@ def _hit(world, first, last, threshold, approach):
             contact.impulse[axis] = 0.0
             contact.torque[axis] = 0.0
     tolerance = PRECISION + TOLERANCE * approach
-    solved = solve(world, first, last, SWEEPS, PRECISION, tolerance)
+    solved = solve(world, first, last, SWEEPS, SOFT, PRECISION, tolerance)
     if _let_roll(world, first, last):
-        solved = solve(world, first, last, SWEEPS, PRECISION, tolerance) and solved
+        solved = solve(world, first, last, SWEEPS, SOFT, PRECISION, tolerance) and solved
     if not solved:
         world.status = NOT_CONVERGED
     contact = contact_at(world, first)

@@ -27,19 +27,21 @@ from intuitive_physics.simulation.stepped.contacts import (
     twist,
 )
 
-SOFTNESS = 1e-4
-"""Compliance added to each contact's own, as a part of it, against changes of its impulse. Four
-corners of a face are one contact more than three speeds can tell apart, and may ask for speeds that
-a rigid face cannot quite have: so their forces still change no more than needed."""
-
 SINGULAR = 1e-13
 """Largest element of a column, of rows whose own element is about one, below which there is no
 solution."""
 
+LARGEST_CHANGE = 1e6
+"""Largest change of an impulse that is made, as a speed (m/s) that it gives what its contact moves:
+in double precision larger ones, which take one another back, leave velocities inexact."""
+
 
 @kernel
-def newton_step(world, first, last):
+def newton_step(world, first, last, softness):
     """Take one step over the active contacts from `first` to `last` (exclusive).
+
+    Each contact is softer against changes of its impulse by `softness`, as a part of its own
+    compliance: contacts that cannot be told apart share a change.
 
     Returns the number of equations, or 0 where no step was taken: where there is no room for so
     many contacts, or the linearised laws have no solution. Impulses may be outside their limits
@@ -50,8 +52,8 @@ def newton_step(world, first, last):
         return 0
     r = 0
     while r < rows:
-        r = _write_laws(world, r, rows)
-    if not _eliminate(world, rows):
+        r = _write_laws(world, r, rows, softness)
+    if not (_eliminate(world, rows) and _is_bounded(world, rows)):
         return 0
     change_impulses(world, rows, 1.0)
     return rows
@@ -117,29 +119,29 @@ def _write_row(world, row, c, axis):
 
 
 @kernel
-def _write_laws(world, r, rows):
+def _write_laws(world, r, rows, softness):
     """Write the linear equations of the contact whose rows begin at r; return where they end."""
     normal = row_at(world, r)
     contact = contact_at(world, normal.contact)
     if normal.impulse - normal.scale * normal.speed > 0.0:
-        _let_vanish(world, r, rows)
+        _let_vanish(world, r, rows, softness)
     else:
         _write_change(world, r, rows, -normal.impulse)
-    _write_disc(world, r + 1, r, contact.friction, rows)
+    _write_disc(world, r + 1, r, contact.friction, rows, softness)
     if contact.rolls == 0:
         return r + 3
-    _write_pivot(world, r + 3, r, contact.roll_limit, rows)
-    _write_disc(world, r + 4, r, contact.roll_limit, rows)
+    _write_pivot(world, r + 3, r, contact.roll_limit, rows, softness)
+    _write_disc(world, r + 4, r, contact.roll_limit, rows, softness)
     return r + 6
 
 
 @kernel
-def _let_vanish(world, r, rows):
+def _let_vanish(world, r, rows, softness):
     """Write that the speed of row r is none afterwards."""
     row = row_at(world, r)
     for k in range(rows):
         _put(world, r, k, row.scale * _response(world, row, row_at(world, k)))
-    _put(world, r, r, _at(world, r, r) + SOFTNESS)
+    _put(world, r, r, _at(world, r, r) + softness)
     put_float(world.right, r, -row.scale * row.speed)
 
 
@@ -153,13 +155,13 @@ def _write_change(world, r, rows, change):
 
 
 @kernel
-def _write_pivot(world, r, normal, limit, rows):
+def _write_pivot(world, r, normal, limit, rows, softness):
     """Write the law of an impulse between -limit J_n and limit J_n."""
     row = row_at(world, r)
     most = limit * max(row_at(world, normal).impulse, 0.0)
     asked = row.impulse - row.scale * row.speed
     if abs(asked) <= most:
-        _let_vanish(world, r, rows)
+        _let_vanish(world, r, rows, softness)
         return
     sense = 1.0 if asked > 0.0 else -1.0
     _write_change(world, r, rows, sense * most - row.impulse)
@@ -167,7 +169,7 @@ def _write_pivot(world, r, normal, limit, rows):
 
 
 @kernel
-def _write_disc(world, r, normal, limit, rows):
+def _write_disc(world, r, normal, limit, rows, softness):
     """Write the law of the two impulses of rows r and r + 1 in a disc of the radius limit J_n.
 
     Outside it they are L ŷ with y = J - e u and L = limit J_n, of which the derivative is
@@ -179,8 +181,8 @@ def _write_disc(world, r, normal, limit, rows):
     y = other.impulse - other.scale * other.speed
     size = sqrt(x * x + y * y)
     if size <= most:
-        _let_vanish(world, r, rows)
-        _let_vanish(world, r + 1, rows)
+        _let_vanish(world, r, rows, softness)
+        _let_vanish(world, r + 1, rows, softness)
         return
     x, y, share = x / size, y / size, most / size
     _write_change(world, r, rows, most * x - one.impulse)
@@ -252,6 +254,14 @@ def _eliminate(world, n):
         for j in range(k + 1, n):
             value -= float_at(matrix, k * room + j) * float_at(right, j)
         put_float(right, k, value / float_at(matrix, k * room + k))
+    return True
+
+
+@kernel
+def _is_bounded(world, rows):
+    for r in range(rows):
+        if not abs(float_at(world.right, r)) < LARGEST_CHANGE * row_at(world, r).scale:
+            return False
     return True
 
 

@@ -31,7 +31,13 @@ from intuitive_physics.simulation.stepped.motion import (
     write_outputs,
 )
 from intuitive_physics.simulation.stepped.rest import sleep_if_at_rest
-from intuitive_physics.simulation.stepped.solver import SWEEPS, solve, store_warm_start, warm_start
+from intuitive_physics.simulation.stepped.solver import (
+    STIFF,
+    SWEEPS,
+    solve,
+    store_warm_start,
+    warm_start,
+)
 from intuitive_physics.simulation.stepped.time_of_impact import first_closing
 from intuitive_physics.simulation.world_batch import SPHERE
 
@@ -215,16 +221,29 @@ def _press(world, moving, count, duration):
         if body.pressed == 1:
             falling = free_acceleration(world, body, duration)
             store(body.velocity, add_scaled(load(body.velocity), falling, duration))
-    fastest = 0.0
+    fastest, ratio = 0.0, 1.0
     for c in range(count):
-        if contact_at(world, c).active == 1:
-            fastest = max(fastest, norm(speed_at(world, contact_at(world, c))))
+        contact = contact_at(world, c)
+        if contact.active == 1:
+            fastest = max(fastest, norm(speed_at(world, contact)))
+            ratio = min(ratio, _mass_ratio(world, contact))
             warm_start(world, c, duration)
-    precision = PRECISION * duration * world.gravity_size + 1e-9
-    tolerance = TOLERANCE * precision + SLIP_TOLERANCE * fastest
-    if not solve(world, 0, count, SWEEPS, precision, tolerance):
+    # Between masses m and M a sweep takes m / M of an error away: M / m times its change are left.
+    precision = ratio * PRECISION * duration * world.gravity_size + 1e-9
+    tolerance = TOLERANCE * precision + ratio * SLIP_TOLERANCE * fastest
+    if not solve(world, 0, count, SWEEPS, STIFF, precision, tolerance):
         world.status = NOT_CONVERGED
     _release(world, moving, count)
+
+
+@fast_inlined
+def _mass_ratio(world, contact):
+    """Mass of the lighter body of a contact as a part of the heavier one's."""
+    if contact.second < 0:
+        return 1.0
+    one = body_at(world, contact.first).inverse_mass
+    other = body_at(world, contact.second).inverse_mass
+    return min(one, other) / max(one, other) if other > 0.0 else 1.0
 
 
 @kernel

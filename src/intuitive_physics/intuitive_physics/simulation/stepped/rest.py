@@ -8,7 +8,7 @@ from intuitive_physics.simulation.rigid_bodies.world import body_at, contact_at,
 from intuitive_physics.simulation.stepped.contacts import push, twist
 from intuitive_physics.simulation.stepped.impacts import IMPACT_GAP
 from intuitive_physics.simulation.stepped.motion import is_still
-from intuitive_physics.simulation.stepped.solver import solve
+from intuitive_physics.simulation.stepped.solver import STIFF, solve
 
 BALANCE = 1e-6
 """Speed that a step leaves to what is balanced, as a part of what falling adds in it."""
@@ -40,7 +40,7 @@ def sleep_if_at_rest(world, moving, count, duration):
         store(body.velocity, falling)
     for c in range(count):
         _hold(world, contact_at(world, c))
-    balanced = solve(world, 0, count, 1, BALANCE * fall, BALANCE * fall)
+    balanced = solve(world, 0, count, 1, STIFF, BALANCE * fall, BALANCE * fall)
     for a in range(moving):
         balanced = balanced and _moves_less(body_at(world, member_at(world, a)), BALANCE * fall)
     for a in range(moving):

@@ -17,6 +17,7 @@ from intuitive_physics.shapes import Box, Sphere
 
 from .laws_scenes import (
     EVENT_DRIVEN,
+    FLOOR,
     STEPPED,
     Body,
     G,
@@ -117,3 +118,25 @@ def test_spinning_ball_does_not_enter_a_box(engine) -> None:
         assert apart.min() > -DEEPEST
         hits += apart.min() < 0.01
     assert hits > 30
+
+
+@engines(EVENT_DRIVEN, STEPPED)
+def test_a_ball_that_is_pushed_to_a_wall_does_not_enter_it(engine):
+    # Slow enough for no rebound, it is held by the wall; what touches may be 20 µm inside.
+    rng, radius, scenes = np.random.default_rng(0), 0.1, []
+    for _ in range(200):
+        speed, aside = rng.uniform(0.05, 0.4), rng.uniform(-0.1, 0.1)
+        apart = np.sqrt((2 * radius) ** 2 - aside**2) + rng.uniform(1e-4, 0.01)
+        place = radius + rng.uniform(0.0, 0.002)
+        still = Body(Sphere(radius), (place, 0, radius))
+        pusher = Body(
+            Sphere(radius),
+            (place + apart, aside, radius),
+            velocity=(-speed, 0, 0),
+            spin=(0, -speed / radius, 0),
+        )
+        scenes.append(make_scene(still, pusher, planes=[FLOOR, (1, 0, 0, 0)]))
+    theta = coefficients(0.3, mu_r=0.06, e=0.35)
+    rollout = engine.simulator.rollout(scenes, theta, np.linspace(0.001, 0.4, 400))
+    assert (rollout.status == 0).all()
+    assert rollout.positions[:, 0, :, 0].min() > radius - 2.2e-5

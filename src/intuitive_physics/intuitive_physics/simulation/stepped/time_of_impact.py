@@ -69,16 +69,20 @@ def first_closing(world, moving, members, duration, threshold):
 
 @kernel
 def _sphere_on_plane(body, plane, first, threshold):
-    """Root of gap + v t + a t²/2, the later one for a sphere that has just rebounded."""
+    """Root of gap + v t + a t²/2, the later one for a sphere that has just rebounded.
+
+    What presses may get deeper by `SINK` first.
+    """
     n = load(plane.normal)
     gap = dot(n, load(body.start_position)) - plane.offset - body.radius
     speed = dot(n, load(body.path_velocity))
     acceleration = dot(n, load(body.path_acceleration))
-    if gap + first * min(0.0, speed + 0.5 * first * min(0.0, acceleration)) > 0.0:
-        return first
+    room = max(gap, 0.0)
     if speed <= threshold and _is_held(gap, speed, threshold):
+        room += SINK
+    if room + first * min(0.0, speed + 0.5 * first * min(0.0, acceleration)) > 0.0:
         return first
-    under_root = speed * speed - 2.0 * acceleration * max(gap, 0.0)
+    under_root = speed * speed - 2.0 * acceleration * room
     if under_root < 0.0:
         return first
     root = sqrt(under_root)
@@ -88,7 +92,7 @@ def _sphere_on_plane(body, plane, first, threshold):
         return min(first, -(speed + root) / acceleration)
     if root <= speed:
         return first
-    return min(first, 2.0 * max(gap, 0.0) / (root - speed))
+    return min(first, 2.0 * room / (root - speed))
 
 
 @fast_inlined

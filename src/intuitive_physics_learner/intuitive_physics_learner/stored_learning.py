@@ -117,14 +117,17 @@ def learn_from_store(
         check_environments(observations, simulator)
         raise
     stop_if(cancelled)
-    stored = _stored(store, result.learned, search.version)
+    ids = [observation.id for observation in observations]
+    stored = _stored(store, result.learned, search.version, ids)
     if result.assessments is not None:
         store.apply_assessments(result.assessments)
     search.delete()
     return replace(result, learned=stored)
 
 
-def _stored(store: ObservationStore, learned: LearnedParameters, begun: int) -> LearnedParameters:
+def _stored(
+    store: ObservationStore, learned: LearnedParameters, begun: int, learned_from: Sequence[str]
+) -> LearnedParameters:
     """Store what a search found that began from version `begun`, unless values were given since."""
     while True:
         newest = store.newest_version()
@@ -135,7 +138,7 @@ def _stored(store: ObservationStore, learned: LearnedParameters, begun: int) -> 
                     f"which began from version {begun}; what it found was not stored: learn again, "
                     "which takes account of what was given"
                 )
-        stored = store.add_improvement(learned, on=newest)
+        stored = store.add_improvement(learned, newest, learned_from)
         if stored is not None:
             return stored
 

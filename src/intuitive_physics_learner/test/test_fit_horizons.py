@@ -134,7 +134,7 @@ def test_two_outliers_are_no_misfit(block):
 
 
 def test_a_horizon_retreats_to_before_its_misfit_and_others_reach_their_goals(block):
-    fits = TrajectoryFits.initial(block)
+    fits = TrajectoryFits.initial(block, np.ones(block.members.size))
     fits.horizons = np.array([3.0, 3.0])
     residuals = np.zeros((2, 100, 3))
     residuals[1, 49:, 0] = 10.0 * NOISE
@@ -146,7 +146,7 @@ def test_a_horizon_retreats_to_before_its_misfit_and_others_reach_their_goals(bl
 
 
 def test_losses_are_hubers_and_the_priors(block):
-    fits = TrajectoryFits.initial(block)
+    fits = TrajectoryFits.initial(block, np.ones(block.members.size))
     fits.horizons = np.array([0.04, 0.08])
     estimates = np.zeros((1, 2, 3))
     estimates[0, 0, 0] = 2.0 * block.prior_deviations[0, 0]
@@ -162,7 +162,7 @@ def test_losses_are_hubers_and_the_priors(block):
 
 
 def test_fits_continue_from_their_state(block):
-    fits, other = (TrajectoryFits.initial(block) for _ in range(2))
+    fits, other = (TrajectoryFits.initial(block, np.ones(block.members.size)) for _ in range(2))
     fits.estimate += 0.125
     fits.misfits += 2
     other.load_state(fits.state())

@@ -79,14 +79,14 @@ class TrajectoryFits:
     weights: NDArray[np.float64]
 
     @staticmethod
-    def initial(block: ObservationBlock) -> TrajectoryFits:
-        """Return the observed initial states with the first horizons."""
+    def initial(block: ObservationBlock, weights: NDArray[np.float64]) -> TrajectoryFits:
+        """Return the observed initial states with the first horizons, and given weights (W,)."""
         return TrajectoryFits(
             np.zeros_like(block.prior_deviations),
             np.minimum(block.prior_deviations, LARGEST_STATE_DEVIATION),
             first_horizons(block),
             np.zeros(block.members.size, dtype=np.int64),
-            np.ones(block.members.size),
+            weights,
         )
 
     def losses(

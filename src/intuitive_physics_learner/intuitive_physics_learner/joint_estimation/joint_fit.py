@@ -327,7 +327,7 @@ class JointFit:
             part.load_state(saved)
 
     def _weighted_by_agreement(self, equations: list[NormalEquations]) -> list[NormalEquations]:
-        """Give each observation the weight with which it agrees with the others."""
+        """Let each observation count the less, the less it agrees with the others."""
         posterior, eliminated = self.model.posterior(equations)
         scores = self.prior.scores(self.unit)
         for part in eliminated:
@@ -339,11 +339,14 @@ class JointFit:
             -posterior.covariance @ scores,
             AGREEMENT_FREEDOM,
         )
-        for fits, weights in zip(self.estimate.fits, all_weights, strict=True):
-            fits.weights = weights
+        given = self.model.task.weights
+        for block, fits, weights in zip(
+            self.model.blocks, self.estimate.fits, all_weights, strict=True
+        ):
+            fits.weights = given[block.members] * weights
         return [
-            replace(each, weights=weights)
-            for each, weights in zip(equations, all_weights, strict=True)
+            replace(each, weights=fits.weights)
+            for each, fits in zip(equations, self.estimate.fits, strict=True)
         ]
 
     def _note_responses(self, linear: Sequence[Linearisation]) -> None:

@@ -108,7 +108,8 @@ class TrajectoryModel:
 
     def initial_estimate(self) -> Estimate:
         """Return the estimate before any step: the prior, and the observed initial states."""
-        fits = [TrajectoryFits.initial(block) for block in self.blocks]
+        weights = self.task.weights
+        fits = [TrajectoryFits.initial(block, weights[block.members]) for block in self.blocks]
         return Estimate(np.clip(self.prior.mean, 0.0, 1.0), self.prior.deviations, fits)
 
     def parts(self, estimate: Estimate) -> Iterator[tuple[ObservationBlock, TrajectoryFits]]:
@@ -227,8 +228,9 @@ class TrajectoryModel:
 
         `levels` (n_levels,) places on the unit interval, or (n, n_levels) of each parameter.
         Returns `rises` (n, n_levels) change of the loss, without a unit, of the prior and of the
-        observations that each parameter influences; `fitted` (q, n_levels, W, d) of each block,
-        deviations from the observed initial states, in SI units, fitted to the levels.
+        observations that each parameter influences, by their weights; `fitted` (q, n_levels, W, d)
+        of each block, deviations from the observed initial states, in SI units, fitted to the
+        levels.
         """
         each = np.broadcast_to(levels, (estimate.unit.size, np.shape(levels)[-1]))
         candidates = ScanCandidates(estimate.unit, self._groups, self.space, each)
@@ -242,7 +244,7 @@ class TrajectoryModel:
             parameters = block.parameters.shape[1]
             present = part.estimate[None], slopes.residuals[None]
             here = part.losses(block, *present)
-            there = part.losses(block, states, residuals) - here
+            there = part.weights * (part.losses(block, states, residuals) - here)
             by_level = there.T.reshape(*block.parameters.shape, each.shape[1])
             np.add.at(rises, block.parameters, by_level)
             fitted.append(states.reshape(parameters, each.shape[1], *part.estimate.shape))

@@ -304,7 +304,7 @@ class LearnerNode(ManagedNode):
             "observations learned from": report.processed - report.doubtful,
             "observations waiting": report.pending,
             "observations set aside": report.doubtful,
-            "prequential score of the candidate": report.score,
+            "score of the challenger": report.score,
             "changes noticed": "; ".join(report.changes) or "none",
             "newest version": f"version {report.version}" if report.version else "none yet",
         }

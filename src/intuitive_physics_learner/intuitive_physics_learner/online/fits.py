@@ -11,7 +11,11 @@ from numpy.typing import NDArray
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.cost.cost_function import Cost
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit, ObservationFit
+from intuitive_physics_learner.joint_estimation.joint_fit import (
+    LARGEST_VOTE,
+    JointFit,
+    ObservationFit,
+)
 from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.search.learning_task import FitTask, GaussianPrior
@@ -37,11 +41,14 @@ LARGEST_ADVANCE = 0.5
 what is known predicts farther; set by hand."""
 
 
-def log_evidence(task: FitTask, solution: JointFit, horizons: Sequence[float]) -> float:
-    """Return ln ∫ p(points up to horizons | θ_s) p(θ_s) dθ_s by Laplace's approximation.
+def log_evidences(
+    task: FitTask, solution: JointFit, horizons: Sequence[float]
+) -> tuple[NDArray[np.float64], float]:
+    """Return ln ∫ p(points up to horizons | θ_s) p(θ_s) dθ_s by Laplace's approximation, in parts.
 
     `horizons` in s, the last time of each observation that counts; evidences up to different ones
-    do not compare.
+    do not compare. Returns those of each observation (n_observations,), near the estimate and by
+    the task's weights; and that of θ_s: its prior there, and how much the observations narrow it.
     """
     prior = task.prior
     fit = JointFit(task, JointEstimationSettings().with_fixed_horizons())
@@ -50,12 +57,13 @@ def log_evidence(task: FitTask, solution: JointFit, horizons: Sequence[float]) -
     fit.begin_at(solution.unit, prior.deviations, begun)
     for _ in range(SCORING_STEPS):
         fit.step()
-    loss, precision = float(prior.losses(fit.unit[None])[0]), prior.precision.copy()
-    for likelihood in fit.likelihoods():
-        precision[np.ix_(likelihood.parameters, likelihood.parameters)] += likelihood.information
-        loss += likelihood.loss
+    likelihoods, precision = fit.likelihoods(), prior.precision.copy()
+    for likelihood, weight in zip(likelihoods, task.weights, strict=True):
+        part = np.ix_(likelihood.parameters, likelihood.parameters)
+        precision[part] += weight * likelihood.information
     narrowed = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(prior.precision)[1]
-    return -loss - 0.5 * float(narrowed)
+    losses = task.weights * np.array([likelihood.loss for likelihood in likelihoods])
+    return -losses, -float(prior.losses(fit.unit[None])[0]) - 0.5 * float(narrowed)
 
 
 class LoneFit:
@@ -123,7 +131,8 @@ class LoneFit:
 
         `horizon` in s, the last time that counts; evidences up to different ones do not compare.
         """
-        return log_evidence(self._task, self._fit, [horizon])
+        of_points, of_parameters = log_evidences(self._task, self._fit, [horizon])
+        return float(of_points.sum()) + of_parameters
 
 
 def window_fit(task: FitTask, scans: tuple[int, ...]) -> JointFit:
@@ -134,11 +143,18 @@ def window_fit(task: FitTask, scans: tuple[int, ...]) -> JointFit:
 
 
 def better_fit(task: FitTask, first: JointFit, second: JointFit) -> JointFit:
-    """Return the fit of the larger evidence, up to the longer horizon of each observation."""
+    """Return the fit of the larger evidence, up to the longer horizon of each observation.
+
+    A single observation counts up to `LARGEST_VOTE`: beyond where a fit explains it, it differs by
+    thousands, and that says only that one of the two took a wrong turn.
+    """
     pairs = zip(first.observation_fits(), second.observation_fits(), strict=True)
     horizons = [max(a.horizon, b.horizon) for a, b in pairs]
-    evidences = [log_evidence(task, fit, horizons) for fit in (first, second)]
-    return first if evidences[0] >= evidences[1] else second
+    (points, parameters), (other_points, other_parameters) = (
+        log_evidences(task, fit, horizons) for fit in (first, second)
+    )
+    votes = np.clip(points - other_points, -LARGEST_VOTE, LARGEST_VOTE)
+    return first if votes.sum() + parameters - other_parameters >= 0.0 else second
 
 
 def run(fit: JointFit, steps: int, seconds_left: Callable[[], float] = lambda: np.inf) -> None:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
 from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
 
@@ -50,9 +51,34 @@ class Information:
         """
         return Information(matrix.copy(), matrix @ mean)
 
+    @staticmethod
+    def of(posterior: ParameterPosterior, held: NDArray[np.bool_]) -> Information:
+        """Return the Gaussian that stands for a posterior, given the values that are held.
+
+        A one-sided interval of length l counts by its middle and the variance l² / 12 of what is
+        uniform in it, beside that of its ends: with D diagonal of these, (Y⁻¹ + D)⁻¹ is
+        Y - Y D^½ (1 + D^½ Y D^½)⁻¹ D^½ Y, which needs no inverse of Y.
+
+        `held` (n,) which parameters have fixed values, those of the posterior's mean.
+        """
+        factor = np.where(held, 0.0, posterior.factor)
+        matrix = factor.T @ factor
+        ends = posterior.intervals
+        spread = np.nan_to_num(ends[:, 1] - ends[:, 0]) / np.sqrt(UNIFORM_PRECISION)
+        across = matrix * spread
+        inner = np.eye(spread.size) + spread[:, None] * across
+        narrower = across @ np.linalg.solve(inner, across.T)
+        return Information.about(gaussian_mean(posterior), matrix - narrower)
+
     def copy(self) -> Information:
         """Return an independent copy."""
         return Information(self.matrix.copy(), self.vector.copy())
+
+    def equals(self, other: Information) -> bool:
+        """Whether both say the same, to the last digit."""
+        return np.array_equal(self.matrix, other.matrix) and np.array_equal(
+            self.vector, other.vector
+        )
 
     def add(self, likelihood: LocalLikelihood, weight: float = 1.0) -> None:
         """Add what one observation says, times a weight."""
@@ -116,6 +142,12 @@ class Information:
         precision = self.matrix + UNIFORM_PRECISION * np.eye(self.vector.size)
         pull = self.vector - self.matrix @ centre
         return GaussianPrior(centre + np.linalg.solve(precision, pull), precision)
+
+
+def gaussian_mean(posterior: ParameterPosterior) -> NDArray[np.float64]:
+    """Mean (n,) of the Gaussian that stands for a posterior: the middle of one-sided intervals."""
+    ends = posterior.intervals
+    return np.where(np.isnan(ends[:, 0]), posterior.mean, ends.mean(axis=1))
 
 
 def jackknife_variances(

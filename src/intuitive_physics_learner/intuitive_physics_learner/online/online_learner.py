@@ -17,14 +17,24 @@ from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import SpinEvidence
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, JointFit
 from intuitive_physics_learner.joint_estimation.point_noise import detected
 from intuitive_physics_learner.online.change_point import find_change
 from intuitive_physics_learner.online.fits import LoneFit, better_fit, run, window_fit
-from intuitive_physics_learner.online.information import Information, agreement_weights
+from intuitive_physics_learner.online.information import (
+    Information,
+    agreement_weights,
+    gaussian_mean,
+)
 from intuitive_physics_learner.online.online_state import Member, OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
-from intuitive_physics_learner.online.publication import next_version, should_publish
+from intuitive_physics_learner.online.publication import (
+    has_moved_far,
+    has_won,
+    is_new,
+    is_on_trial,
+    next_version,
+)
 from intuitive_physics_learner.search.learning_task import FitTask, GaussianPrior
 from intuitive_physics_learner.search.search_space import ActiveSpace
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
@@ -55,10 +65,6 @@ SMALLEST_EXPLAINED = 0.6
 doubtful; where motion is too chaotic for that, most such observations are good ones; of clean
 throws of tumbling bodies 0.6 to 0.7 can be, of balls 0.9."""
 
-LARGEST_SCORE = 3.0
-"""Largest change of the prequential score by one observation: a likelihood ratio of e³ ≈ 20, so
-that no single one decides."""
-
 FREEDOM = 4.0
 """Degrees of freedom of Student's distribution by which observations that contradict all others
 count less; set by hand."""
@@ -85,6 +91,9 @@ LARGEST_CHANGE_COUNT = 10
 
 FEW = 2.0
 """Observations that could not be explained, imagined before the first: one success is no rule."""
+
+FORGOTTEN = float(np.exp(-7.0))
+"""Weight by its age below which an observation is not fitted any more: a thousandth."""
 
 LARGEST_EXPONENT = 700.0
 """Largest argument of exp in double precision."""
@@ -184,10 +193,8 @@ class OnlineLearner:
         whole = learned.extended(state.materials)
         state.published = whole
         posterior = whole.whole_posterior().within(state.space.bounds)
-        mean = posterior.mean
-        # What is known of the others given the held values, which lie at the mean.
-        factor = np.where(state.held, 0.0, posterior.factor)
-        information = Information.about(mean, factor.T @ factor)
+        information = Information.of(posterior, state.held)
+        mean = gaussian_mean(posterior)
         state.centre, state.unit = mean.copy(), mean.copy()
         state.retired = information if informed else state.given()
         state.posterior = state.retired.copy()
@@ -196,7 +203,7 @@ class OnlineLearner:
             whole.initial_spins if informed else InitialSpins()
         )
         state.published_information = information.copy()
-        state.score, state.compared = 0.0, 0
+        state.end_trial()
         state.moves[:], state.narrowings[:] = 0.0, 0.0
         self._drop_observations()
 
@@ -230,9 +237,9 @@ class OnlineLearner:
             state.set_aside += 1
             return
         self._observations[observation.id] = observation
+        self._score(cost, influence, fit)
         doubt = self._reason_for_doubt(cost, influence, fit)
         if doubt is None:
-            self._score(cost, influence, fit)
             state.window.append(self._member(observation, fit))
         else:
             free, assessment = doubt
@@ -325,25 +332,24 @@ class OnlineLearner:
         self._assessments.append(Assessment(member.id, 1.0, "agrees with later observations", USED))
 
     def _score(self, cost: TrajectoryCost, influence: NDArray[np.bool_], fit: LoneFit) -> None:
-        """Add how much better the candidate predicted an observation than what is published."""
+        """Add how much better the challenger predicted an observation than what is published.
+
+        `fit` is to what is known now, which the challenger is at first. What neither explains to
+        its end was disturbed, and does not count.
+        """
         state = self.state
-        if state.published is None or self._is_published():
+        if state.challenger is None:
             return
+        if not state.challenger.equals(state.posterior):
+            fit = self._lone_fit(cost, influence, state.challenger.prior(state.centre))
         published = state.published_information.prior(state.centre)
         other = self._lone_fit(cost, influence, published)
+        if fit.blocked and other.blocked:
+            return
         horizon = max(fit.observation_fit.horizon, other.observation_fit.horizon)
         gain = fit.log_evidence(horizon) - other.log_evidence(horizon)
-        largest = LARGEST_SCORE
-        vote = float(np.clip(gain, -largest, largest))
-        # What an earlier candidate predicted worse must not outweigh what this one does better.
-        state.score = max(state.score + vote, -largest)
+        state.score += float(np.clip(gain, -LARGEST_VOTE, LARGEST_VOTE))
         state.compared += 1
-
-    def _is_published(self) -> bool:
-        mine, other = self.state.posterior, self.state.published_information
-        return bool(
-            np.array_equal(mine.matrix, other.matrix) and np.array_equal(mine.vector, other.vector)
-        )
 
     def _forget_until(self, stamp: float) -> None:
         """Let what is known grow older, to the start time in s of a new observation."""
@@ -356,6 +362,8 @@ class OnlineLearner:
                 information.discount(factor)
                 information.join(given, 1.0 - factor)
             state.retired_spins.discount(factor)
+            for member in state.window:
+                member.weight *= factor
 
     def _age_weight(self, member: Member) -> float:
         """Weight of an observation by its age, 0 to 1."""
@@ -377,7 +385,8 @@ class OnlineLearner:
         points = [detected(each) for each in observations]
         cost = TrajectoryCost(points, self._simulator, state.materials)
         space = ActiveSpace(state.space, active, state.parameters)
-        task = FitTask(cost, space, influence[:, active], prior.marginal(parameters))
+        ages = np.array([self._age_weight(member) for member in state.window])
+        task = FitTask(cost, space, influence[:, active], prior.marginal(parameters), ages)
         scans = (2,) if self._scans() else ()
         deviations = state.prior.deviations[parameters]
         fit = window_fit(task, scans)
@@ -451,8 +460,11 @@ class OnlineLearner:
             state.posterior.add(member.likelihood, member.weight)
 
     def _retire(self) -> None:
-        """Let the least informative observations leave the window where it is too full."""
+        """Let what is too old leave the window, and what says least where it is too full."""
         state = self.state
+        for member in state.window:
+            if self._age_weight(member) < FORGOTTEN:
+                self._retire_member(member)
         while len(state.window) > self._options.window:
             covariance: NDArray[np.float64] = np.asarray(
                 np.linalg.inv(state.prior.precision), dtype=np.float64
@@ -507,6 +519,9 @@ class OnlineLearner:
         self._update_weights()
         state.unit = np.clip(state.prior.mean, 0.0, 1.0)
         self._fit_window(seconds_left)
+        # Observations that agree on a change have compared it with what is published.
+        state.challenger, state.compared = state.posterior.copy(), change.length
+        state.score = change.length * LARGEST_VOTE
 
     def _count_of(self, parameters: NDArray[np.int64]) -> int:
         """Number of observations that inform some parameters; retired ones are enough."""
@@ -524,15 +539,23 @@ class OnlineLearner:
         }
 
     def _publish(self) -> None:
-        """Publish the estimate if it predicted as well, and says something new."""
+        """Publish the estimate if it says something new; if it has moved far, once it has won."""
         state = self.state
-        if not should_publish(state):
+        if not state.posterior.matrix.any():
+            return
+        if state.published is not None and has_moved_far(state):
+            if not has_won(state):
+                if not is_on_trial(state):
+                    state.begin_trial()
+                return
+        elif not is_new(state):
+            state.end_trial()
             return
         observations = [self._observations[member.id] for member in state.window]
         cost = TrajectoryCost(observations, self._simulator, state.materials)
         state.published = next_version(state, float(cost.costs([state.parameters])[0]))
         state.published_information = state.posterior.copy()
-        state.score, state.compared = 0.0, 0
+        state.end_trial()
 
     def _drop_observations(self) -> None:
         members = (*self.state.window, *self.state.doubtful)

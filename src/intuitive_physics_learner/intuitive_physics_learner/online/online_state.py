@@ -27,7 +27,7 @@ from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
-FORMAT = "intuitive_physics/online_state/1"
+FORMAT = "intuitive_physics/online_state/2"
 """Format of the JSON text, which every text names."""
 
 
@@ -72,8 +72,10 @@ class OnlineState:
         themselves
     published : newest version of θ_s; None before the first
     published_information : what is known according to it, of the n parameters
-    score : prequential: ln p of the observations since then according to the candidate, less
-        that according to what is published
+    challenger : what was known when the estimate had moved away from what is published, which it is
+        to take the place of; None: it has not
+    score : ln p of the observations since then according to the challenger, less that according to
+        what is published, both as they were before any of these
     compared : number of these observations
     processed : observations so far
     set_aside : of these, how many are doubtful
@@ -82,6 +84,7 @@ class OnlineState:
     changes : last changes that were noticed, and how many observations there were before each
     time : s, the latest start time of an observation
     position : revision of the store up to which observations are known
+    adopted : version of θ_s of a search, whose observations are known as well; 0: none
     spare_seconds : CPU time in s that earlier observations have left over
     retired_spins : what throws from before the window say of how balls are thrown
     """
@@ -97,6 +100,7 @@ class OnlineState:
     doubtful: list[Member] = field(default_factory=list)
     published: LearnedParameters | None = None
     published_information: Information = field(default_factory=lambda: Information.none(0))
+    challenger: Information | None = None
     score: float = 0.0
     compared: int = 0
     processed: int = 0
@@ -106,8 +110,17 @@ class OnlineState:
     changes: list[tuple[ChangePoint, int]] = field(default_factory=list)
     time: float | None = None
     position: int = 0
+    adopted: int = 0
     spare_seconds: float = 0.0
     retired_spins: SpinEvidence = field(default_factory=SpinEvidence)
+
+    def begin_trial(self) -> None:
+        """Let what is known now stand against what is published."""
+        self.challenger, self.score, self.compared = self.posterior.copy(), 0.0, 0
+
+    def end_trial(self) -> None:
+        """Let nothing stand against what is published."""
+        self.challenger, self.score, self.compared = None, 0.0, 0
 
     def initial_spins(self) -> InitialSpins:
         """Return how balls are thrown, by all throws."""
@@ -171,8 +184,10 @@ class OnlineState:
             wider[places] = getattr(self, name)
             setattr(self, name, wider)
         self.materials, self.centre, self.unit = together, centre, unit
-        for name in ("retired", "posterior", "published_information"):
-            setattr(self, name, getattr(self, name).spread(places, centre.size))
+        for name in _INFORMATION:
+            information = getattr(self, name)
+            if information is not None:
+                setattr(self, name, information.spread(places, centre.size))
         for member in (*self.window, *self.doubtful):
             parameters = places[member.likelihood.parameters]
             member.likelihood = replace(member.likelihood, parameters=parameters)
@@ -244,14 +259,15 @@ _PLAIN = (
     "met",
     "time",
     "position",
+    "adopted",
 )
 """Fields that JSON can express."""
 
 _ARRAYS = ("centre", "unit", "moves", "narrowings")
 """Fields that are arrays (n,)."""
 
-_INFORMATION = ("retired", "posterior", "published_information")
-"""Fields that are an `Information`."""
+_INFORMATION = ("retired", "posterior", "published_information", "challenger")
+"""Fields that are an `Information`, the last of which may be None."""
 
 
 def _read_change(data: Mapping[str, Any]) -> tuple[ChangePoint, int]:
@@ -259,11 +275,15 @@ def _read_change(data: Mapping[str, Any]) -> tuple[ChangePoint, int]:
     return ChangePoint(pair, data["length"], data["probability"]), int(data["before"])
 
 
-def _information_data(information: Information) -> dict[str, Any]:
+def _information_data(information: Information | None) -> dict[str, Any] | None:
+    if information is None:
+        return None
     return {"matrix": encode_array(information.matrix), "vector": encode_array(information.vector)}
 
 
-def _read_information(data: Mapping[str, Any]) -> Information:
+def _read_information(data: Mapping[str, Any] | None) -> Information | None:
+    if data is None:
+        return None
     return Information(decode_array(data["matrix"]), decode_array(data["vector"]))
 
 

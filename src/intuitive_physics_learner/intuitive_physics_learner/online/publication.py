@@ -1,4 +1,9 @@
-"""Whether the present estimate of θ_s is published, and the version that is."""
+"""Whether the present estimate of θ_s is published, and the version that is.
+
+What confirms what is published is published at once. What lies farther from it becomes its
+challenger: both stay as they are while later observations are predicted by both, before anything
+is learned from them.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +16,24 @@ from intuitive_physics.parameter_posterior import (
     UNIFORM_PRECISION,
     ParameterPosterior,
 )
+from intuitive_physics.parameter_space import parameter_vector
 from intuitive_physics_learner.methods import JOINT_METHOD
-from intuitive_physics_learner.online.information import jackknife_variances
+from intuitive_physics_learner.online.information import Information, jackknife_variances
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.search.identifiability import widened_information
+from intuitive_physics_learner.search.learning_task import GaussianPrior
+from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 
-SURPRISING_MOVE = 4.0
-"""Move of a parameter in standard deviations of what is published, beyond which it needs the
-evidence of a later observation: a chance of 6e-5."""
+SURPRISING_MOVE = 1.0
+"""Move of a parameter in standard deviations of what is published, beyond which later observations
+must have been predicted better by it."""
+
+FEWEST_COMPARED = 3
+"""Number of these observations at least."""
+
+STRAYED = 3.0
+"""Move of a parameter in its standard deviations from a challenger, beyond which it is not what
+these observations were predicted by."""
 
 SMALLEST_MOVE = 0.1
 """Move of a parameter in its standard deviations that is worth a new version; set by hand."""
@@ -27,12 +42,27 @@ SMALLEST_NARROWING = 0.05
 """Part by which a standard deviation must change to be worth a new version; set by hand."""
 
 
-def should_publish(state: OnlineState) -> bool:
-    """Whether the estimate says something new, and predicted no worse than what is published."""
-    if not state.posterior.matrix.any() or not _is_new(state):
-        return False
-    proven = state.published is None or state.compared > 0 or not _is_surprising(state)
-    return proven and state.score >= 0.0
+def is_new(state: OnlineState) -> bool:
+    """Whether the estimate says something that what is published does not."""
+    if state.published is None:
+        return True
+    published = state.published_information.prior(state.centre)
+    return bool(_differs(state, published).any()) or _has_new_spins(state, state.published)
+
+
+def has_moved_far(state: OnlineState) -> bool:
+    """Whether the estimate is farther from what is published than data that confirm it lead to."""
+    return _is_away(state, state.published_information, SURPRISING_MOVE)
+
+
+def is_on_trial(state: OnlineState) -> bool:
+    """Whether there is a challenger, near the estimate, that too few observations have judged."""
+    return _has_near_challenger(state) and state.compared < FEWEST_COMPARED
+
+
+def has_won(state: OnlineState) -> bool:
+    """Whether there is a challenger, near the estimate, that has predicted observations better."""
+    return _has_near_challenger(state) and state.compared >= FEWEST_COMPARED and state.score > 0.0
 
 
 def next_version(state: OnlineState, cost: float) -> LearnedParameters:
@@ -44,6 +74,16 @@ def next_version(state: OnlineState, cost: float) -> LearnedParameters:
     posterior = ParameterPosterior.from_information(
         state.materials, space.to_unit(parameters), information, space.bounds
     )
+    kept = _kept_intervals(state)
+    intervals = np.full((widths.size, 2), np.nan)
+    if published is not None and kept.any():
+        values = np.where(
+            kept, parameter_vector(published.parameters), parameter_vector(parameters)
+        )
+        parameters = parameters_of_vector(state.materials, values)
+        before = published.whole_posterior().within(space.bounds)
+        posterior = before.renewed(~kept, space.to_unit(parameters), information, intervals)
+        intervals = np.where(kept[:, None], published.intervals, intervals)
     given = None if published is None else published.given
     if given is not None:
         posterior = given.imposed_on(posterior, parameters)
@@ -52,6 +92,9 @@ def next_version(state: OnlineState, cost: float) -> LearnedParameters:
     covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(widths.size))
     covariance[held], covariance[:, held] = 0.0, 0.0
     deviations = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
+    if published is not None:
+        deviations = np.where(kept, published.standard_deviations, deviations)
+        identified = np.where(kept, published.identified, identified)
     return LearnedParameters(
         parameters=parameters,
         standard_deviations=np.where(held, 0.0, np.where(identified, deviations, np.nan)),
@@ -60,10 +103,28 @@ def next_version(state: OnlineState, cost: float) -> LearnedParameters:
         cost=cost,
         observation_count=state.processed - state.set_aside,
         method=JOINT_METHOD,
+        intervals=intervals,
         posterior=posterior,
         given=given,
         initial_spins=state.initial_spins(),
     )
+
+
+def _kept_intervals(state: OnlineState) -> NDArray[np.bool_]:
+    """Which parameters (n,) have a published one-sided interval that nothing has changed since."""
+    published = state.published
+    if published is None:
+        return np.zeros(state.unit.size, dtype=bool)
+    posterior = published.whole_posterior().within(state.space.bounds)
+    before = Information.of(posterior, state.held).prior(state.centre)
+    return ~np.isnan(posterior.intervals[:, 0]) & ~_differs(state, before)
+
+
+def _differs(state: OnlineState, before: GaussianPrior) -> NDArray[np.bool_]:
+    """Which parameters (n,) are known otherwise than before, by more than is worth telling."""
+    deviations = state.prior.deviations
+    moved = _distance(state, before) > SMALLEST_MOVE * deviations
+    return moved | (np.abs(deviations / before.deviations - 1.0) > SMALLEST_NARROWING)
 
 
 def _widening(state: OnlineState) -> NDArray[np.float64]:
@@ -86,21 +147,20 @@ def _jackknife_deviations(state: OnlineState) -> NDArray[np.float64]:
     return np.sqrt(np.minimum(variances, 1.0 / UNIFORM_PRECISION))
 
 
-def _is_surprising(state: OnlineState) -> bool:
-    """Whether the estimate is farther from what is published than that allows."""
-    published = state.published_information.prior(state.centre)
-    away = np.abs(state.unit - published.mean)
-    return bool((away > SURPRISING_MOVE * published.deviations).any())
+def _has_near_challenger(state: OnlineState) -> bool:
+    challenger = state.challenger
+    return challenger is not None and not _is_away(state, challenger, STRAYED)
 
 
-def _is_new(state: OnlineState) -> bool:
-    if state.published is None:
-        return True
-    published = state.published_information.prior(state.centre)
-    deviations = state.prior.deviations
-    moved = np.abs(state.unit - published.mean) > SMALLEST_MOVE * deviations
-    changed = np.abs(deviations / published.deviations - 1.0) > SMALLEST_NARROWING
-    return bool((moved | changed).any()) or _has_new_spins(state, state.published)
+def _is_away(state: OnlineState, information: Information, deviations: float) -> bool:
+    """Whether the estimate is farther than some standard deviations from what something says."""
+    prior = information.prior(state.centre)
+    return bool((_distance(state, prior) > deviations * prior.deviations).any())
+
+
+def _distance(state: OnlineState, prior: GaussianPrior) -> NDArray[np.float64]:
+    """Distance (n,) of the estimate from a mean, which may lie outside the bounds, in widths."""
+    return np.abs(state.unit - np.clip(prior.mean, 0.0, 1.0))
 
 
 def _has_new_spins(state: OnlineState, published: LearnedParameters) -> bool:

@@ -55,14 +55,19 @@ class StoredOnlineLearning:
     @property
     def pending(self) -> int:
         """Number of observations that are still to be learned from."""
-        return self._record.count_since(self.learner.state.position)
+        state = self.learner.state
+        return self._record.count_since(state.position, state.adopted)
 
     def advance(self) -> bool:
         """Learn from the next observations, a few at most; return whether there were any."""
         if self._store.newest_version() != self._version:
+            self.learner = self._resumed()
+        if self._store.newest_version() != self._version:
             self._adopt()
         state = self.learner.state
-        observations, problems, position = self._record.observations_since(state.position, BATCH)
+        observations, problems, position = self._record.observations_since(
+            state.position, BATCH, state.adopted
+        )
         if position == state.position:
             return False
         for name, problem in problems.items():
@@ -107,6 +112,6 @@ class StoredOnlineLearning:
         few = newest.observation_count <= self._options.window
         again = self.learner.state.processed == 0 and few
         self.learner.adopt(newest, informed=given or not again)
-        if not given and not again:
-            position = self._record.revision_of(newest.observation_count)
-            self.learner.state.position = max(self.learner.state.position, position)
+        position = None if given or again else self._record.revision_before(newest.version)
+        if position is not None:
+            self.learner.state.adopted, self.learner.state.position = newest.version, position

@@ -72,17 +72,29 @@ class FitTask:
     space : maps the unit cube of the n parameters to θ_s
     influence : (n_observations, n) bool, which observation can depend on which parameter
     prior : of the n parameters; a fit begins at its mean
+    given_weights : (n_observations,) above 0, with which each counts, as by its age; None: 1
     """
 
     cost: Cost
     space: SearchSpace
     influence: NDArray[np.bool_]
     prior: GaussianPrior
+    given_weights: NDArray[np.float64] | None = None
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """The weight with which each observation counts, (n_observations,)."""
+        if self.given_weights is None:
+            return np.ones(len(self.influence))
+        return self.given_weights
 
     def of(self, members: NDArray[np.int64]) -> FitTask:
         """Return the task of some observations, `members` (k,) by their indices."""
         return replace(
-            self, cost=PartialCost(self.cost, members), influence=self.influence[members]
+            self,
+            cost=PartialCost(self.cost, members),
+            influence=self.influence[members],
+            given_weights=self.weights[members],
         )
 
     def part(self, members: NDArray[np.int64], chosen: NDArray[np.int64]) -> FitTask:
@@ -95,6 +107,7 @@ class FitTask:
             PartialSpace(self.space, chosen, self.prior.mean),
             self.influence[np.ix_(members, chosen)],
             self.prior.marginal(chosen),
+            self.weights[members],
         )
 
 

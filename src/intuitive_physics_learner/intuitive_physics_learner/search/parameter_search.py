@@ -90,7 +90,8 @@ class Search(ABC):
     ) -> SearchResult:
         """Step until a criterion is met or `cancelled` returns True; at least one step.
 
-        Iterations of a state that was loaded count, seconds do not.
+        Iterations of a state that was loaded count, seconds do not; where it has met a criterion no
+        step is taken.
 
         Parameters
         ----------
@@ -100,7 +101,7 @@ class Search(ABC):
             for what comes after it
         """
         began = saved = time.monotonic()
-        reason = None
+        reason = self._stop_reason(criteria, 0.0, False, None) if self.iterations else None
         while reason is None:
             before = self.iterations
             limit = LARGEST_BATCH

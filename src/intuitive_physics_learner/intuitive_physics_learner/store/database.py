@@ -5,7 +5,8 @@ ended is on the disk, whatever happens to the process or the machine afterwards.
 version is brought up to date when it is opened. Its tables are
 
 observations         id, received_at (Unix time), json (`Observation.to_json`)
-observation_entries  one narrow row for each observation (`ObservationEntry`)
+observation_entries  one narrow row for each observation (`ObservationEntry`), and `learned_in`, the
+                     version of θ_s that the last search over it led to
 observation_counts   status, count
 observed_materials   number (order of appearance), name, count of observations it occurs in
 observation_set      revision: grows whenever an observation is added, deleted, excluded or included
@@ -103,6 +104,7 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
         "CREATE TABLE online_state (id INTEGER PRIMARY KEY CHECK (id = 1), "
         "saved_at REAL NOT NULL, json TEXT NOT NULL)",
     ),
+    ("ALTER TABLE observation_entries ADD COLUMN learned_in INTEGER",),
 )
 """Statements that lead from each schema version to the next; a new version is one more entry."""
 

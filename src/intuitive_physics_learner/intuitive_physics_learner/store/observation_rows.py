@@ -126,7 +126,7 @@ def renew_entry(connection: sqlite3.Connection, name: str, text: str) -> None:
     """Make an observation whose text can be read used again, as of a new revision."""
     columns = COLUMNS.split(", ")[3:]
     row = (*text_columns(text), USED, 1.0, "", next_revision(connection))
-    changes = ", ".join(f"{column} = ?" for column in columns)
+    changes = ", ".join(f"{column} = ?" for column in columns) + ", learned_in = NULL"
     connection.execute(f"UPDATE observation_entries SET {changes} WHERE id = ?", (*row, name))
 
 
@@ -139,9 +139,12 @@ def next_revision(connection: sqlite3.Connection) -> int:
 def set_status(
     connection: sqlite3.Connection, name: str, status: str, weight: float, reason: str
 ) -> bool:
-    """Give an observation a status as of a new revision; return whether that changes it."""
+    """Give an observation a status as of a new revision; return whether that changes it.
+
+    It is then one that no search has learned from.
+    """
     changed = connection.execute(
-        "UPDATE observation_entries SET status = ?1, weight = ?2, reason = ?3, "
+        "UPDATE observation_entries SET status = ?1, weight = ?2, reason = ?3, learned_in = NULL, "
         "revision = (SELECT revision + 1 FROM observation_set) "
         "WHERE id = ?4 AND (status, weight, reason) != (?1, ?2, ?3)",
         (status, weight, reason, name),

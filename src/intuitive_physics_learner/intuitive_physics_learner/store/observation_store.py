@@ -356,8 +356,13 @@ class ObservationStore:
             if stored is not None:
                 return stored
 
-    def add_improvement(self, learned: LearnedParameters, on: int) -> LearnedParameters | None:
-        """Store θ_s as the next version if `on` is still the newest; None if it is not."""
+    def add_improvement(
+        self, learned: LearnedParameters, on: int, learned_from: Sequence[str] = ()
+    ) -> LearnedParameters | None:
+        """Store θ_s as the next version if `on` is still the newest; None if it is not.
+
+        `learned_from` are the ids of the observations that a search has learned it from.
+        """
         numbered = replace(learned, version=on + 1)
         text = json.dumps(numbered.to_dict(), allow_nan=False)
         with self._database.writing() as connection:
@@ -365,6 +370,11 @@ class ObservationStore:
                 return None
             self._check_materials(connection, learned.materials)
             _insert_version(connection, numbered.version, text)
+            connection.execute(
+                "UPDATE observation_entries SET learned_in = ? "
+                "WHERE id IN (SELECT value FROM json_each(?))",
+                (numbered.version, json.dumps(list(learned_from))),
+            )
         return numbered
 
     def save_online(

@@ -20,9 +20,11 @@ class OnlineRecord:
         self._database = database
 
     def observations_since(
-        self, revision: int, limit: int
+        self, revision: int, limit: int, but: int
     ) -> tuple[list[Observation], dict[str, str], int]:
         """Read the first observations that were added or given back since a revision.
+
+        Those that the search has learned from that led to version `but` are left out; 0: none are.
 
         Returns `observations`: the order in which they were added or given back; `problems`: of
         each observation that cannot be read, by its id; `revision`: from which to read on; the same
@@ -32,8 +34,8 @@ class OnlineRecord:
             rows = connection.execute(
                 "SELECT entry.revision, entry.id, json FROM observation_entries AS entry "
                 "JOIN observations USING (id) WHERE entry.revision > ? AND entry.status = ? "
-                "ORDER BY entry.revision LIMIT ?",
-                (revision, USED, limit),
+                "AND entry.learned_in IS NOT ? ORDER BY entry.revision LIMIT ?",
+                (revision, USED, but, limit),
             ).fetchall()
         observations, problems = [], {}
         for _, name, text in rows:
@@ -44,24 +46,32 @@ class OnlineRecord:
                 problems[name] = str(observation)
         return observations, problems, rows[-1][0] if rows else revision
 
-    def count_since(self, revision: int) -> int:
-        """Return the number of observations that were added or given back since a revision."""
+    def count_since(self, revision: int, but: int) -> int:
+        """Return the number of observations that `observations_since` reads, without a limit."""
         with self._database.reading() as connection:
             (count,) = connection.execute(
-                "SELECT COUNT(*) FROM observation_entries WHERE revision > ? AND status = ?",
-                (revision, USED),
+                "SELECT COUNT(*) FROM observation_entries WHERE revision > ? AND status = ? "
+                "AND learned_in IS NOT ?",
+                (revision, USED, but),
             ).fetchone()
         return int(count)
 
-    def revision_of(self, count: int) -> int:
-        """Return the revision of the last of the first `count` observations; 0 for none."""
+    def revision_before(self, version: int) -> int | None:
+        """Return the last revision before all observations that a search did not learn from.
+
+        `version` is that of θ_s which the search led to; None where no search here led to it. The
+        time grows with the number of observations: it is for once after a search.
+        """
         with self._database.reading() as connection:
-            row = connection.execute(
-                "SELECT MAX(revision) FROM (SELECT revision FROM observation_entries "
-                "WHERE status = ? ORDER BY revision LIMIT ?)",
-                (USED, count),
+            first, count = connection.execute(
+                "SELECT MIN(CASE WHEN status = ?2 AND learned_in IS NOT ?1 THEN revision END), "
+                "COUNT(CASE WHEN learned_in = ?1 THEN 1 END) FROM observation_entries",
+                (version, USED),
             ).fetchone()
-        return int(row[0] or 0)
+            (newest,) = connection.execute("SELECT revision FROM observation_set").fetchone()
+        if not count:
+            return None
+        return int(newest) if first is None else int(first) - 1
 
     def kept(self, ids: Sequence[str]) -> list[Observation]:
         """Read those of some observations that nobody has excluded or deleted since."""

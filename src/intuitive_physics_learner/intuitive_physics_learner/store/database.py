@@ -5,8 +5,7 @@ ended is on the disk, whatever happens to the process or the machine afterwards.
 version is brought up to date when it is opened. Its tables are
 
 observations         id, received_at (Unix time), json (`Observation.to_json`)
-observation_entries  one narrow row for each observation (`ObservationEntry`), and `learned_in`, the
-                     version of θ_s that the last search over it led to
+observation_entries  one narrow row for each observation: `ObservationEntry`, learned_in (version)
 observation_counts   status, count
 observed_materials   number (order of appearance), name, count of observations it occurs in
 observation_set      revision: grows whenever an observation is added, deleted, excluded or included

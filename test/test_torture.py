@@ -41,7 +41,7 @@ def test_nothing_that_was_answered_is_lost_when_a_node_is_killed(figures):
 
 
 def test_no_message_kills_or_holds_a_node(figures):
-    assert figures["fuzzed"] >= 1500
+    assert figures["fuzzed"] >= 1000
     assert (figures["deaths"], figures["hangs"]) == (0, 0)
     assert figures["memory_bound_mb"] < 1500
 

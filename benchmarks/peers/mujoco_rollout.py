@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import time
 from typing import Any
 
@@ -35,6 +36,8 @@ class _Prepared(Prepared):
             import mujoco.rollout
         except ImportError:
             raise MissingPeerError("MuJoCo is missing: .venv/bin/pip install mujoco") from None
+        # By default warnings go into a file of the present folder.
+        mujoco.set_mju_user_warning(_warn)
         self._rollout = mujoco.rollout.rollout
         self._model = mujoco.MjModel.from_xml_string(_model_text(instance, time_step))
         self._data = mujoco.MjData(self._model)
@@ -118,3 +121,7 @@ def _object_text(shape: Shape) -> str:
 
 def _words(numbers: Any) -> str:
     return " ".join(map(str, np.asarray(numbers, dtype=float).tolist()))
+
+
+def _warn(text: str) -> None:
+    print(f"MuJoCo: {text}", file=sys.stderr)

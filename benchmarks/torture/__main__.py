@@ -29,7 +29,7 @@ from intuitive_physics.errors import InvalidInputError
 # Parts that `--only` may name
 KILLS, FUZZ, CANCELS, FAULTS, SOAK = PARTS = ("kills", "fuzz", "cancels", "faults", "soak")
 # Kills, messages and cancelled searches, of a full run and of a first look
-COUNTS = {KILLS: (200, 5), FUZZ: (100_000, 1_500), CANCELS: (100, 4)}
+COUNTS = {KILLS: (200, 5), FUZZ: (100_000, 1_000), CANCELS: (100, 4)}
 # Without `--hours`; a first look has a soak only where one is asked for
 SOAK_MINUTES, QUICK_SOAK_MINUTES = 15.0, 3.0
 # Ends the name of a result whose soak was longer than usual: it is kept beside the usual one

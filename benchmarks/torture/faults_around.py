@@ -31,7 +31,7 @@ JUMP = 3600.0  # s by which a clock jumps: an hour, as of a wrong time zone
 # /diagnostics come once a second; with a slow subscriber or with other busy processes
 ABSENCE, SHORT_ABSENCE = 6.0, 3.0
 PRESSURE, SHORT_PRESSURE = 10.0, 3.0
-REST, SHORT_REST = 5.0, 3.0  # s from the end of starvation to the measurement of the rate
+REST, SHORT_REST = 5.0, 2.0  # s from the end of starvation to the measurement of the rate
 # MB by which the predictor may grow for a subscriber that takes nothing: its queue of 10 messages
 # of up to 6 MB
 SLOW_SUBSCRIBER_MEGABYTES = 60.0

@@ -40,7 +40,7 @@ LOCKED = 8.0  # s for which another program holds the database: longer than the 
 LONGEST_SEARCH = 60.0  # s that a search may last in which a worker died
 UNPLUGGED_ANSWER = 30.0  # s in which a search has to end whose scheduler died
 
-SEARCH = LearningOptions(method="random", max_iterations=20_000, time_limit=8.0)
+SEARCH = LearningOptions(method="random", max_iterations=20_000, time_limit=5.0)
 SHORT_SEARCH = LearningOptions(method="random", max_iterations=200)
 
 

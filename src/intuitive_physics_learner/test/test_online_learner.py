@@ -158,7 +158,7 @@ def test_what_has_moved_far_is_published_after_it_has_won(event_driven, throws, 
     assert (state.compared, state.score) == (0, 0.0)
 
 
-def test_no_single_observation_decides_between_two_fits(event_driven, throws, monkeypatch):
+def test_no_single_observation_decides_between_two_fits(monkeypatch):
     # The second one explains three of four a little worse and the last one, which took another
     # turn, by thousands better; then that one as well as it should.
     evidences = {"first": np.array([-1.0, -1.0, -1.0, -5000.0]), "second": np.full(4, -2.5)}

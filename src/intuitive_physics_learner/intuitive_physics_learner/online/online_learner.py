@@ -371,6 +371,10 @@ class OnlineLearner:
             return 1.0
         return float(np.exp(-(self.state.time - member.stamp) / self._options.time_constant))
 
+    def _age_weights(self) -> NDArray[np.float64]:
+        """Weights of the window's observations by their age, (n_observations,)."""
+        return np.array([self._age_weight(member) for member in self.state.window])
+
     def _fit_window(self, seconds_left: Callable[[], float]) -> None:
         """Retire what is too much, fit the rest jointly and take the posterior over."""
         state = self.state
@@ -385,7 +389,7 @@ class OnlineLearner:
         points = [detected(each) for each in observations]
         cost = TrajectoryCost(points, self._simulator, state.materials)
         space = ActiveSpace(state.space, active, state.parameters)
-        ages = np.array([self._age_weight(member) for member in state.window])
+        ages = self._age_weights()
         task = FitTask(cost, space, influence[:, active], prior.marginal(parameters), ages)
         scans = (2,) if self._scans() else ()
         deviations = state.prior.deviations[parameters]
@@ -444,7 +448,7 @@ class OnlineLearner:
     def _update_weights(self) -> None:
         """Find the weights of the window's observations, and all that is known."""
         state = self.state
-        ages = np.array([self._age_weight(member) for member in state.window])
+        ages = self._age_weights()
         likelihoods = [member.likelihood for member in state.window]
         weights = ages
         for _ in range(WEIGHING_ROUNDS):

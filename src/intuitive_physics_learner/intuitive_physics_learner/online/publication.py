@@ -71,6 +71,11 @@ def next_version(state: OnlineState, cost: float) -> LearnedParameters:
     parameters, factors = state.parameters, _widening(state)
     widths = np.maximum(factors * state.prior.deviations, _jackknife_deviations(state))
     information = widened_information(state.posterior.matrix, factors, widths)
+    identified = held | (widths < LARGEST_DEVIATION)
+    slopes = space.slopes(state.unit)
+    covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(widths.size))
+    covariance[held], covariance[:, held] = 0.0, 0.0
+    deviations = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
     posterior = ParameterPosterior.from_information(
         state.materials, space.to_unit(parameters), information, space.bounds
     )
@@ -84,17 +89,11 @@ def next_version(state: OnlineState, cost: float) -> LearnedParameters:
         before = published.whole_posterior().within(space.bounds)
         posterior = before.renewed(~kept, space.to_unit(parameters), information, intervals)
         intervals = np.where(kept[:, None], published.intervals, intervals)
+        deviations = np.where(kept, published.standard_deviations, deviations)
+        identified = np.where(kept, published.identified, identified)
     given = None if published is None else published.given
     if given is not None:
         posterior = given.imposed_on(posterior, parameters)
-    identified = held | (widths < LARGEST_DEVIATION)
-    slopes = space.slopes(state.unit)
-    covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(widths.size))
-    covariance[held], covariance[:, held] = 0.0, 0.0
-    deviations = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
-    if published is not None:
-        deviations = np.where(kept, published.standard_deviations, deviations)
-        identified = np.where(kept, published.identified, identified)
     return LearnedParameters(
         parameters=parameters,
         standard_deviations=np.where(held, 0.0, np.where(identified, deviations, np.nan)),

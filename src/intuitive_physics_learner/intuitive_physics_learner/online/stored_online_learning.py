@@ -26,8 +26,8 @@ class StoredOnlineLearning:
     """Learns from the observations of a store, in the order in which they came.
 
     The state is stored with each new version of θ_s, both or none. What others store as the newest
-    θ_s becomes the state: values that a user gave with their uncertainty, or the result of a search
-    over all observations, which are not learned from a second time.
+    θ_s becomes the state: values that a user gave with their uncertainty, or the result of a
+    search, whose observations are not learned from a second time.
 
     Parameters
     ----------
@@ -60,10 +60,12 @@ class StoredOnlineLearning:
 
     def advance(self) -> bool:
         """Learn from the next observations, a few at most; return whether there were any."""
-        if self._store.newest_version() != self._version:
+        newest = self._store.newest_version()
+        if newest != self._version:
+            # The learner of another process stores its state with its version.
             self.learner = self._resumed()
-        if self._store.newest_version() != self._version:
-            self._adopt()
+            if newest != self._version:
+                self._adopt()
         state = self.learner.state
         observations, problems, position = self._record.observations_since(
             state.position, BATCH, state.adopted

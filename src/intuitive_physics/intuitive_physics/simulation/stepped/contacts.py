@@ -172,6 +172,17 @@ def twist(world, contact, torque):
 
 
 @kernel
+def apply_impulses(world, first, last, share):
+    """Apply a share of the impulses and torques of the active contacts once more."""
+    for c in range(first, last):
+        contact = contact_at(world, c)
+        if contact.active == 1:
+            for axis in range(3):
+                push(world, contact, axis, share * contact.impulse[axis])
+            twist(world, contact, scaled(load(contact.torque), share))
+
+
+@kernel
 def relative_spin(world, contact):
     """Spin (rad/s) of the first relative to the second."""
     spin = load(body_at(world, contact.first).spin)

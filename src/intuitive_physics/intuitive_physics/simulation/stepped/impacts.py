@@ -16,11 +16,10 @@ from intuitive_physics.simulation.noisy_impacts import noisy_restitution, tilted
 from intuitive_physics.simulation.rigid_bodies.world import body_at, contact_at
 from intuitive_physics.simulation.rollout import NOT_CONVERGED
 from intuitive_physics.simulation.stepped.contacts import (
+    apply_impulses,
     prepare,
-    push,
     relative_spin,
     speed_along,
-    twist,
 )
 from intuitive_physics.simulation.stepped.solver import SOFT, SWEEPS, solve
 from intuitive_physics.simulation.world_batch import BOX, SPHERE
@@ -176,13 +175,13 @@ def _is_eccentric(world, contact):
 def _limit_energy(world, first, last):
     """Scale the impulses J to what gains no kinetic energy: s J·u⁻ + s² J·(u⁺ - u⁻)/2 ≤ 0."""
     at_end = _work(world, first, last)
-    _apply(world, first, last, -1.0)
+    apply_impulses(world, first, last, -1.0)
     at_start = _work(world, first, last)
     curvature = 0.5 * (at_end - at_start)
     share = 1.0
     if at_start + curvature > 0.0 and curvature > 0.0:
         share = max(0.0, -at_start / curvature)
-    _apply(world, first, last, share)
+    apply_impulses(world, first, last, share)
 
 
 @kernel
@@ -196,14 +195,3 @@ def _work(world, first, last):
                 work += contact.impulse[axis] * speed_along(world, contact, axis)
             work += dot(load(contact.torque), relative_spin(world, contact))
     return work
-
-
-@kernel
-def _apply(world, first, last, share):
-    """Apply so much of the impulses once more."""
-    for c in range(first, last):
-        contact = contact_at(world, c)
-        if contact.active == 1:
-            for axis in range(3):
-                push(world, contact, axis, share * contact.impulse[axis])
-            twist(world, contact, scaled(load(contact.torque), share))

@@ -32,20 +32,20 @@ SINGULAR = 1e-13
 solution."""
 
 LARGEST_CHANGE = 1e6
-"""Largest change of an impulse that is made, as a speed (m/s) that it gives what its contact moves:
-in double precision larger ones, which take one another back, leave velocities inexact."""
+"""m/s. Largest change of an impulse in a step, over the effective mass of its contact. Larger
+changes of redundant contacts nearly cancel, and rounding makes the velocities inexact."""
 
 
 @kernel
 def newton_step(world, first, last, softness):
     """Take one step over the active contacts from `first` to `last` (exclusive).
 
-    Each contact is softer against changes of its impulse by `softness`, as a part of its own
-    compliance: contacts that cannot be told apart share a change.
+    `softness` is added to the compliance of each contact, as a part of it, so that redundant
+    contacts, such as the four corners of a face, distribute the change of impulse among them.
 
     Returns the number of equations, or 0 where no step was taken: where there is no room for so
-    many contacts, or the linearised laws have no solution. Impulses may be outside their limits
-    afterwards: a sweep brings them back.
+    many contacts, or the linearised laws have no solution within `LARGEST_CHANGE`. Impulses may be
+    outside their limits afterwards: a sweep brings them back.
     """
     rows = _list_rows(world, first, last)
     if rows == 0:

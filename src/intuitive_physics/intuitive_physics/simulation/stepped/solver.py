@@ -28,6 +28,7 @@ from intuitive_physics.simulation.rigid_bodies.world import (
     warm_start_at,
 )
 from intuitive_physics.simulation.stepped.contacts import (
+    apply_impulses,
     push,
     relative_spin,
     speed_along,
@@ -42,12 +43,12 @@ NEWTON_STEPS = 24
 """Most steps of Newton's method in a search."""
 
 STIFF, SOFT = 1e-10, 1e-4
-"""Compliance that Newton's method adds against changes of an impulse, as a part of a contact's own:
-four corners of a face are one contact more than three speeds can tell apart, and where they are a
-little apart they ask for speeds that a rigid face cannot quite have. What presses is sought with no
-more of it than rounding needs, since with more the forces in a tower, in which a body stands on a
-lighter one, come only after thousands of steps. Where that leads to no end, as where bodies slide
-and jam, and in impacts, whose corners ask for speeds of their own, forces change softly."""
+"""Compliance that Newton's method adds to each contact, as a part of the contact's own. The four
+corners of a face are redundant contacts: without it the equations are singular. Resting contacts
+take no more of it than rounding needs: with more, Newton's method needs thousands of steps for a
+tower in which a body stands on a lighter one. Where it does not converge, as where bodies slide and
+jam, and in impacts, whose corners rebound at different speeds, the larger one keeps impulses
+small."""
 
 FREE_STEPS = 8
 """Steps of it that are taken whole. More of them have led round in a circle, as friction that grows
@@ -116,14 +117,11 @@ def _search(world, first, last, softness, precision, tolerance):
 @kernel
 def _withdraw(world, first, last):
     """Take all impulses back, so that a search begins from none."""
+    apply_impulses(world, first, last, -1.0)
     for c in range(first, last):
         contact = contact_at(world, c)
-        if contact.active == 1:
-            for axis in range(3):
-                push(world, contact, axis, -contact.impulse[axis])
-                contact.impulse[axis] = 0.0
-            twist(world, contact, scaled(load(contact.torque), -1.0))
-            store(contact.torque, (0.0, 0.0, 0.0))
+        store(contact.impulse, (0.0, 0.0, 0.0))
+        store(contact.torque, (0.0, 0.0, 0.0))
 
 
 @kernel

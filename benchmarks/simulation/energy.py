@@ -1,7 +1,9 @@
 """The total energy of rollouts, read from positions and orientations alone.
 
 Energies are read in the middle of short gaps between two outputs, of which READINGS follow one
-another at each of SAMPLES.
+another up to each of SAMPLES. There a step of our engines ends: within it, a body whose contacts
+part or close moves by its last velocities all the time, so that one that falls has the speed of the
+step's end while it is still higher.
 """
 
 from __future__ import annotations
@@ -18,9 +20,8 @@ from intuitive_physics.scene import Scene
 GRAVITY = 9.81  # m/s², as an environment has it
 GAP, READINGS = 1e-3, 3  # s, and gaps at each sample
 SAMPLES = np.arange(1, 31) * 0.1  # s
-# s, outputs to ask for
-TIMES: NDArray[np.float64] = (SAMPLES[:, None] + GAP * np.arange(READINGS + 1)).ravel()
-STEP = 0.01  # s over which our engines hold contact forces constant that have no closed form
+# s, outputs to ask for: the last gap ends at the sample
+TIMES: NDArray[np.float64] = (SAMPLES[:, None] + GAP * np.arange(-READINGS, 1)).ravel()
 ALIKE = 5e-4  # m; readings that differ by less than the energy of this height are of one state
 FALLING = 1e-3  # part of g; what falls with g to this part touches nothing
 
@@ -55,14 +56,14 @@ class Masses:
         return GRAVITY * self.mass.sum(axis=1)
 
 
-def largest_gains(masses: Masses, positions: Array, orientations: Array, held: float) -> Array:
+def largest_gains(masses: Masses, positions: Array, orientations: Array, held: bool) -> Array:
     """Return by how much each scene's energy has grown at most, as a part of what is there.
 
     Parameters
     ----------
     masses : of W scenes
     positions, orientations : (W, O, len(TIMES), 3) m and (W, O, len(TIMES), 4)
-    held : s, as in HELD
+    held : whether forces are held over steps, of which one ends at each of SAMPLES
 
     Returns
     -------
@@ -92,15 +93,14 @@ def _first_energy(masses: Masses) -> Array:
 
 
 def _readings(
-    masses: Masses, positions: Array, orientations: Array, held: float
+    masses: Masses, positions: Array, orientations: Array, held: bool
 ) -> tuple[Array, Array]:
     """Return energies in the middle of the gaps, and how far they may be misread.
 
     Both are (W, n_samples, READINGS) J. Two orientations tell a spin whose axis turns meanwhile to
-    (|ω| gap)² / 12 of it; that of a sphere does not turn. A contact that still parts or closes
-    moves its bodies by their last velocities all through the time h that its forces are held: where
-    gravity works on them these are ahead of the height by up to half of it, m g v_z h / 2. What
-    falls freely is on its parabola.
+    (|ω| gap)² / 12 of it; that of a sphere does not turn. Where forces are held, gravity still
+    works on what touches something until its step ends, τ later: the energy is misread by up to
+    m g |v_z| τ. What falls freely is on its parabola.
     """
     there = masses.mass[..., None, None, None] > 0.0
     grouped = (*positions.shape[:2], len(SAMPLES), READINGS + 1)
@@ -116,7 +116,8 @@ def _readings(
     fall = np.diff(velocity[..., 2], axis=3) / (GRAVITY * GAP) + 1.0
     touching = (np.abs(fall) > FALLING).any(axis=3, keepdims=True)
     ahead = masses.mass[..., None, None] * np.abs(velocity[..., 2]) * touching
-    return energy, turned + ahead.sum(axis=1) * GRAVITY * held / 2
+    left = GAP * (np.arange(READINGS, 0, -1) - 0.5) * held
+    return energy, turned + ahead.sum(axis=1) * GRAVITY * left
 
 
 def _turning(before: Array, after: Array) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from benchmarks.peers.ours import NAMES
 from benchmarks.scenes import MIXED, thrown
-from benchmarks.simulation.energy import STEP, TIMES, Masses, largest_gains
+from benchmarks.simulation.energy import TIMES, Masses, largest_gains
 from benchmarks.simulation.overlaps import find_overlaps
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Scene
@@ -70,7 +70,7 @@ def run_random_scenes(scenes: int, dense: int) -> list[Kept]:
             numbers = range(first, min(first + BATCH, scenes))
             for spheres in (True, False):
                 alike = [number for number in numbers if spheres_only(number) == spheres]
-                held = 0.0 if spheres and name == "event_driven" else STEP
+                held = not spheres or name != "event_driven"
                 kept[name] = _with_energies(kept[name], alike, held)
         for first in range(0, dense, DENSE_BATCH):
             numbers = range(first, min(first + DENSE_BATCH, dense))
@@ -101,7 +101,7 @@ def random_parameters(rng: np.random.Generator) -> StaticParameters:
     return StaticParameters(MATERIALS, rng.uniform(50.0, 3000.0, size), symmetric)
 
 
-def _with_energies(kept: Kept, numbers: Sequence[int], held: float) -> Kept:
+def _with_energies(kept: Kept, numbers: Sequence[int], held: bool) -> Kept:
     scenes, parameters, rollout = _rollout(kept.engine, numbers, TIMES)
     gains = largest_gains(
         Masses.of(scenes, parameters),

@@ -92,7 +92,8 @@ def solve(world, first, last, sweeps, softness, precision, tolerance):
         return True
     if softness != SOFT:
         _withdraw(world, first, last)
-        _sweep(world, first, last, SWEEPS, precision, 1.0)
+        if _sweep(world, first, last, SWEEPS, precision, 1.0) < precision:
+            return True
         if _search(world, first, last, SOFT, precision, tolerance):
             return True
     return _sweep(world, first, last, LAST_SWEEPS, precision, RELAXATION) < tolerance

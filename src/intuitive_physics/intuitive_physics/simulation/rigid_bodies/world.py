@@ -92,6 +92,8 @@ BODY = np.dtype(
         ("slip_gain", "f8"),  # 1 + 1 / κ
         ("impact_time", "f8"),  # s, of the next impact on a solid, infinite if none
         ("impact_solid", "i8"),  # index of that solid
+        ("pair_time", "f8"),  # s, of its next impact on a sphere before it, infinite if none
+        ("pair_with", "i8"),  # index of that sphere
         ("clustered", "i8"),  # 1 while the accelerations come from `clusters`
         ("rounds_edge", "i8"),  # 1 while it goes round an edge or corner
         # Solids it touches, in contacts that last: gap and normal velocity are zero.

@@ -12,7 +12,7 @@ from intuitive_physics.geometry.vectors import (
     sub,
     tangential,
 )
-from intuitive_physics.kernels import kernel
+from intuitive_physics.kernels import inlined, kernel
 from intuitive_physics.simulation.rigid_bodies.solids import (
     EDGE,
     FACE,
@@ -180,14 +180,46 @@ def _hits(world, body, solid, tau, gap_to_feature):
 
 @kernel
 def predict_sphere_impacts(world, i):
-    """Find when sphere i hits each other one while both are in their present phases."""
+    """Find when sphere i hits each other one while both are in their present phases.
+
+    Each sphere keeps the first impact with one of those before it.
+    """
+    body = body_at(world, i)
+    body.pair_time, body.pair_with = inf, -1
     for k in range(world.followed_count):
         j = followed_at(world, k)
-        if j != i:
-            pair = pair_of(world, i, j)
-            pair.impact_time = inf
-            if not pair.touches:
-                pair.impact_time = _pair_impact(body_at(world, i), body_at(world, j), world.end)
+        if j == i:
+            continue
+        other, pair = body_at(world, j), pair_of(world, i, j)
+        pair.impact_time = inf
+        if not pair.touches:
+            pair.impact_time = _pair_impact(body, other, world.end)
+        if j > i:
+            if other.pair_with == i:
+                _find_first_impact(world, j)
+            else:
+                _note_impact(other, pair.impact_time, i)
+        else:
+            _note_impact(body, pair.impact_time, j)
+
+
+@inlined
+def _note_impact(body, time, before):
+    """Take note that a body hits one of those before it at a time (s), if that is first."""
+    if time < body.pair_time or (time == body.pair_time and before < body.pair_with):
+        body.pair_time, body.pair_with = time, before
+
+
+@kernel
+def _find_first_impact(world, i):
+    """Find the first impact of sphere i with one of those before it among the known ones."""
+    body = body_at(world, i)
+    body.pair_time, body.pair_with = inf, -1
+    for k in range(world.followed_count):
+        j = followed_at(world, k)
+        if j >= i:
+            break
+        _note_impact(body, pair_of(world, i, j).impact_time, j)
 
 
 @kernel

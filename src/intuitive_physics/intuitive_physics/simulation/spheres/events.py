@@ -55,7 +55,9 @@ def follow_from_start(world, end):
     part_start(world)
     for a in range(world.followed_count):
         i = followed_at(world, a)
-        body_at(world, i).followed = 1
+        body = body_at(world, i)
+        body.followed = 1
+        body.pair_time, body.pair_with = inf, -1
         find_touching(world, i, TOUCHES)
     world.end = end
     _replan_all(world)
@@ -196,9 +198,6 @@ def _next_event(world):
         t = min(body.phase_end, body.impact_time)
         if t < first:
             first, i, j = t, k, int64(-1)
-        for a in range(b):
-            other = followed_at(world, a)
-            t = pair_of(world, other, k).impact_time
-            if t < first:
-                first, i, j = t, other, k
+        if body.pair_time < first:
+            first, i, j = body.pair_time, body.pair_with, k
     return first, i, j

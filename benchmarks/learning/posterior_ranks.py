@@ -36,7 +36,7 @@ from intuitive_physics_experiments.paper.paper_room import (
     pool_materials,
 )
 
-WORLDS, QUICK_WORLDS = 200, 4
+WORLDS, QUICK_WORLDS = 200, 2
 THROWS = 5  # of the sphere in each world
 DRAWS = 99  # of each posterior, so that there are 100 ranks
 BINS = 10  # of ranks; 100 is a multiple of it

@@ -8,10 +8,16 @@ import numpy as np
 import pytest
 from benchmarks.learning import posterior_ranks, posterior_sampler
 from benchmarks.learning.posterior_ranks import BINS, DRAWS, Ranks, complaints, draw_world
-from benchmarks.learning.posterior_sampler import Way, sample
+from benchmarks.learning.posterior_sampler import FitDensity, Way, sample
 from benchmarks.results.markdown import tables_text
 
-from intuitive_physics.materials import PAIR_COEFFICIENTS
+from intuitive_physics.materials import PAIR_COEFFICIENTS, StaticParameters
+from intuitive_physics.simulation import make_simulator
+from intuitive_physics_learner import TrajectoryCost
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.search.learning_task import LearningTask
 
 WORLDS = 2000  # of a toy
 TOY_NOISE = 0.5  # standard deviation of its observation, beside a prior of N(0, 1)
@@ -93,6 +99,35 @@ def test_sampler_agrees_with_a_gaussian_in_closed_form():
     np.testing.assert_allclose(found.mean, mean, atol=error * deviation.max())
     np.testing.assert_allclose(found.deviation, deviation, rtol=error)
     assert found.correlation == pytest.approx(0.8, abs=error)
+
+
+def test_density_is_the_loss_of_the_fit():
+    world = draw_world(np.random.default_rng(102))
+    materials = world.space.materials
+    task = LearningTask(
+        TrajectoryCost(world.observations, make_simulator("auto"), materials),
+        world.space,
+        parameter_influence(world.observations, materials),
+        StaticParameters.uniform(materials),
+    )
+    fit = JointFit(task.fit_task, JointEstimationSettings(scan_steps=()))
+    for _ in range(6):
+        fit.step()
+    n, density = fit.unit.size, FitDensity(fit)
+    states = np.concatenate([part.estimate.ravel() for part in fit.estimate.fits])
+    here = np.concatenate([fit.unit, states])
+    outside = np.where(np.arange(here.size) == 0, 1.01, here)
+    moved = here.copy()
+    moved[n] += 0.01  # m, the position of the first throw
+    found = density(np.array([here, outside, moved]))
+    assert found[0] > found[2] > found[1] == -np.inf
+    losses = fit.prior.losses(fit.unit[None])[0]
+    for (block, part), linear in zip(
+        fit.model.parts(fit.estimate), fit.model.linearised(fit.estimate), strict=True
+    ):
+        each = part.losses(block, part.estimate[None], linear.residuals[None])[0]
+        losses += (part.weights * each).sum()
+    assert found[0] == pytest.approx(-losses, rel=1e-9)
 
 
 def test_weights_turn_the_moments_into_those_of_another_prior():

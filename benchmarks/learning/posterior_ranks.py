@@ -142,5 +142,5 @@ def measure(quick: bool, first_seed: int) -> Outcome:
             "ones less, too wide ones more. Density does not act on a lone sphere."
         ),
     )
-    figures = {each.name: each.test and each.test[0] for each in parameters}
+    figures = {each.name: each.test and round(each.test[0], 1) for each in parameters}
     return Outcome([table], {"rank_chi2": {"density": None, **figures}}, "", complaints(parameters))

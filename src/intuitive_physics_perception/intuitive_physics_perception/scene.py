@@ -477,8 +477,8 @@ def _nearest_ranges(frames: Sequence[NDArray[np.float32]]) -> NDArray[np.float32
     """Nearest range (height, width) m that each pixel read in organised frames, NaN for none."""
     if not is_organised(frames):
         return None
-    ranges = np.fmin.reduce([np.linalg.norm(frame, axis=2) for frame in frames])
-    return np.asarray(ranges, dtype=np.float32)
+    squares = [np.einsum("hwi,hwi->hw", frame, frame) for frame in frames]
+    return np.asarray(np.sqrt(np.fmin.reduce(squares)), dtype=np.float32)
 
 
 def _revised_stages(

@@ -15,6 +15,7 @@ from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.observation import Observation
 from intuitive_physics.validation import unit_vector
 from intuitive_physics_perception.detection.detections import DetectedSolid, DetectedSphere
+from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.solids import all_objects
 from intuitive_physics_perception.environment.environment_model import (
     EnvironmentModel,
@@ -71,8 +72,8 @@ class PerceptionPipeline:
     rng : source of all random choices
     clock : seconds, by which stages are timed
     background : in which the environment is revised, and modelled again from elsewhere, while
-        frames go on, as a live camera needs; None does it within a frame, so that results depend
-        on the frames alone
+        frames go on, as a live camera needs, and hypotheses have a budget of time; None does all
+        within a frame, so that results depend on the frames alone
     """
 
     def __init__(
@@ -282,10 +283,11 @@ class PerceptionPipeline:
             if moved:
                 return self._model_again(time, moved, self._forget_environment())
             clusters = scene.stages.clusters(points)
+        budget = self._budget()
         with timer.stage("spheres"):
-            spheres = scene.find_spheres(points, clusters, time)
+            spheres = scene.find_spheres(points, clusters, time, budget)
         with timer.stage("solids"):
-            objects_seen = all_objects(points, spheres, scene.stages.solids, colors)
+            objects_seen = all_objects(points, spheres, scene.stages.solids, colors, budget)
             pixels = [item.pixels(points) for item in objects_seen]
             scene.stages.foreground.expect_objects(pixels)
         with timer.stage("tracking"):
@@ -319,11 +321,18 @@ class PerceptionPipeline:
                 readings=clusters.readings,
                 foreground=clusters.foreground,
                 clusters=len(clusters.indices),
+                waiting=budget.waiting,
                 spheres=sum(isinstance(detection, DetectedSphere) for detection in detections),
                 solids=sum(isinstance(detection, DetectedSolid) for detection in detections),
                 seconds=timer.seconds,
             ),
         )
+
+    def _budget(self) -> FrameBudget:
+        """Return the time for hypotheses of a frame: a bounded one where frames go on meanwhile."""
+        if self._background is None:
+            return FrameBudget()
+        return FrameBudget(1e-3 * self.settings.hypothesis_budget, self._clock)
 
     def _perceived(self, track: Track, scene: ModelledScene) -> PerceivedObject:
         return PerceivedObject(

@@ -22,6 +22,7 @@ from intuitive_physics_perception.detection.detections import (
     without_doubles,
 )
 from intuitive_physics_perception.detection.foreground import Clusters, Clutter, ForegroundFinder
+from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.solids import ObjectInFrame, SolidFinder, all_objects
 from intuitive_physics_perception.detection.spheres import (
     ClusterSpheres,
@@ -259,12 +260,12 @@ class ModelledScene:
         self.stages = Stages(model, self._settings, self._rng, None, self._clutter)
 
     def find_spheres(
-        self, points: NDArray[np.float32], clusters: Clusters, time: float
+        self, points: NDArray[np.float32], clusters: Clusters, time: float, budget: FrameBudget
     ) -> list[ClusterSpheres]:
         """Return the spheres of a frame by cluster; those of tracks are searched first, where they
         are expected.
 
-        `points` (height, width, 3) m; `time` in s.
+        `points` (height, width, 3) m; `time` in s; `budget`: of the frame.
         """
         expected = [
             np.append(self.model.to_sensor(sphere[:3]), sphere[3])
@@ -272,7 +273,7 @@ class ModelledScene:
         ]
         if self.is_at_home:
             self._recent.keep(time, points, clusters)
-        return self.stages.spheres.find(points, clusters, SEARCHES_IN_FRAME, expected)
+        return self.stages.spheres.find(points, clusters, SEARCHES_IN_FRAME, expected, budget)
 
     def look_at_surfaces(
         self,

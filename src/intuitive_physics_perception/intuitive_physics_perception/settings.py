@@ -146,6 +146,14 @@ class PerceptionSettings:
         0.04, 0.001, 0.5, "gap between neighbours in a cloud that is not organised, rad"
     )
     hypotheses: int = number(192, 8, 100000, "random spheres tried on a cluster")
+    hypothesis_budget: float = number(
+        15.0,
+        1.0,
+        1000.0,
+        "time that a frame of a live camera has for hypotheses of objects; what is followed comes "
+        "first, then what is new, then what has waited longest",
+        unit="ms",
+    )
     max_misfit: float = number(
         1.5, 1.0, 100.0, "mean squared residual of a sphere, in variances of the noise, at most"
     )

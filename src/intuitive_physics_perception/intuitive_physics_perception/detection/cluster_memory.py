@@ -63,6 +63,11 @@ class RememberedCluster(Generic[Result]):
         period = SEARCH_PERIOD
         return self.frames < FIRST_SEARCHES or (self.frames + self.phase) % period == 0
 
+    @property
+    def has_just_come(self) -> bool:
+        """Whether it was not there before, or elsewhere."""
+        return self.frames == 0 and self.waited == 0
+
     def after_search(self, *, success: bool) -> RememberedCluster[Result]:
         """Return it after a search; after a success it is searched in the next frame, too."""
         return replace(

@@ -19,6 +19,7 @@ from intuitive_physics_perception.detection.detections import (
     Detection,
     without_doubles,
 )
+from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.spheres import ClusterSpheres
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.settings import PerceptionSettings
@@ -55,24 +56,36 @@ class SolidFinder:
         )
 
     def find(
-        self, points: NDArray[np.float32], clusters: Sequence[NDArray[np.int64]]
+        self,
+        points: NDArray[np.float32],
+        clusters: Sequence[NDArray[np.int64]],
+        budget: FrameBudget | None = None,
     ) -> list[DetectedSolid | None]:
         """Return the solid of each cluster of a frame, None where there is none.
 
-        `points` (height, width, 3) m, of the frame; `clusters` (n,) each, indices of its points.
+        `points` (height, width, 3) m, of the frame; `clusters` (n,) each, indices of its points;
+        `budget`: when it is spent, what was found last counts. None has no end.
         """
-        solids = [self._solid_of(points, cluster) for cluster in clusters]
+        budget = budget or FrameBudget()
+        solids = [self._solid_of(points, cluster, budget) for cluster in clusters]
         self._memory.end_frame()
         return solids
 
     def _solid_of(
-        self, points: NDArray[np.float32], cluster: NDArray[np.int64]
+        self, points: NDArray[np.float32], cluster: NDArray[np.int64], budget: FrameBudget
     ) -> DetectedSolid | None:
         if not self._may_be_whole(points, cluster):
             return None
         readings = points.reshape(-1, 3)[cluster].astype(np.float64)
         remembered = self._memory.recall(readings)
-        solid = self._solid(readings) if remembered.deserves_a_search else remembered.result
+        if not remembered.deserves_a_search:
+            solid = remembered.result
+        elif budget.is_spent:
+            budget.waiting += 1
+            self._memory.postpone(remembered)
+            return remembered.result
+        else:
+            solid = self._solid(readings)
         self._memory.keep(remembered, solid)
         return solid
 
@@ -154,6 +167,7 @@ def all_objects(
     spheres_by_cluster: Sequence[ClusterSpheres],
     solids: SolidFinder | None,
     colors: NDArray[np.uint8] | None = None,
+    budget: FrameBudget | None = None,
 ) -> list[ObjectInFrame]:
     """Return the objects of a frame of points (height, width, 3), in the sensor's frame.
 
@@ -161,12 +175,13 @@ def all_objects(
     the near end of a capsule is one.
 
     `solids`: finds boxes and capsules; None to leave them out; `colors` (height, width, 3) of the
-    points, where they are known.
+    points, where they are known; `budget`: of the frame, None has no end.
     """
     unexplained = (
         [part for part in spheres_by_cluster if part.rest > SPHERES_LEAVE] if solids else []
     )
-    by_cluster = solids.find(points, [part.cluster for part in unexplained]) if solids else []
+    waiting = [part.cluster for part in unexplained]
+    by_cluster = solids.find(points, waiting, budget) if solids else []
     whole = [
         ObjectInFrame(solid, part.cluster)
         for part, solid in zip(unexplained, by_cluster, strict=True)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from intuitive_physics.kernels import allocating_entry, allocating_kernel
 from intuitive_physics_perception.detection.cluster_view import ClusterView
 from intuitive_physics_perception.detection.fitted_sphere import Part, SphereFitter
+from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.sphere_fit import (
     BEHIND_SIGMAS,
     INLIER_SIGMAS,
@@ -94,6 +95,7 @@ class SphereHypotheses:
         readings: NDArray[np.float64],
         expected: Sequence[NDArray[np.float64]],
         effort: Effort,
+        budget: FrameBudget,
     ) -> Iterator[tuple[Part, NDArray[np.float64], bool]]:
         """Spheres (4,) to begin fits from, the part of the cluster to fit them to, and whether they
         must end where no other sphere touches them.
@@ -126,6 +128,7 @@ class SphereHypotheses:
             self._fitter.noise,
             self._settings.hypotheses,
             self._rng,
+            budget,
         )
         # A sphere with enough points has a share of those scored; half allows for a rough start.
         needed = 0.5 * self._settings.min_points * len(scored) / len(readings)
@@ -133,7 +136,7 @@ class SphereHypotheses:
         # In single precision, as a frame's points are: `inspect_sphere` is compiled for these.
         single = scored.astype(np.float32)
         for sphere, score in zip(spheres, scores, strict=True):
-            if score <= needed or len(tried) >= REFINED_HYPOTHESES:
+            if score <= needed or len(tried) >= REFINED_HYPOTHESES or budget.is_spent:
                 return
             if any(_are_alike(sphere, other) for other in tried):
                 continue
@@ -219,17 +222,18 @@ def ransac_spheres(
     noise: NDArray[np.float64],
     most: int,
     rng: np.random.Generator,
+    budget: FrameBudget,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return spheres (m, 4) and their MSAC scores (m,), best first.
 
     Hypotheses come in batches until the best one's share w of the points says that four of its
-    points have been drawn: (1 - w⁴)ⁿ < `MISSED` (Fischler, Bolles 1981).
+    points have been drawn: (1 - w⁴)ⁿ < `MISSED` (Fischler, Bolles 1981); or the time is over.
 
     `points` (n, 3) m; `noise` (4,) of `RangeNoise`, as in `sphere_fit`.
     """
     spheres, scores = [np.empty((0, 4))], [np.empty(0)]
     tried, best = 0, 0.0
-    while tried < _enough(best / len(points), most):
+    while tried < _enough(best / len(points), most) and not (tried and budget.is_spent):
         draws = rng.random((BATCH, 2 + 3 * NEIGHBOUR_DRAWS))
         spheres.append(random_spheres(points, draws, *limits))
         scores.append(score_spheres(points, spheres[-1], noise))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from intuitive_physics_perception.detection.fitted_sphere import (
     SphereFitter,
 )
 from intuitive_physics_perception.detection.foreground import Clusters
+from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.sphere_hypotheses import (
     SPHERES_IN_CLUSTER,
     Effort,
@@ -133,29 +135,36 @@ class SphereFinder:
         clusters: Clusters,
         searches: int | None = None,
         expected: Sequence[NDArray[np.float64]] = (),
+        budget: FrameBudget | None = None,
     ) -> list[ClusterSpheres]:
         """Return the spheres by cluster of a frame of points (height, width, 3), in the sensor's
         frame.
 
         `searches`: clusters that are searched at random when neither expectation nor outline
-        suggests a sphere: what is new first, then what has waited longest, then the smallest; the
+        suggests a sphere, in the order of `_in_turn`; the
         others wait for the next frame. None searches all; `expected` (4,) m, spheres that are
-        followed, where they should be.
+        followed, where they should be; `budget`: when it is spent, clusters that hold none of these
+        wait, too. None has no end.
         """
+        budget = budget or FrameBudget()
         results = []
         left = len(clusters.indices) if searches is None else searches
         parts = [points.reshape(-1, 3)[indices].astype(np.float64) for indices in clusters.indices]
         remembered = [self._memory.recall(readings) for readings in parts]
-        # What flickers is another cluster in each frame, and must not keep the others waiting.
-        order = sorted(
-            range(len(parts)),
-            key=lambda k: (not clusters.new[k], -remembered[k].waited, len(parts[k])),
-        )
-        for k in order:
+        followed = [
+            [sphere for sphere in expected if _reaches(sphere, readings)] for readings in parts
+        ]
+        others_wait = any(memory.waited > 0 for memory in remembered)
+        for k in _in_turn(parts, followed, clusters.new, remembered):
             cluster, readings, memory = clusters.indices[k], parts[k], remembered[k]
-            nearby = [sphere for sphere in expected if _reaches(sphere, readings)]
-            effort = self._effort(memory.deserves_a_search, left)
-            inside = self._spheres_in(points, cluster, readings, nearby, effort)
+            if not followed[k] and budget.is_spent:
+                budget.waiting += 1
+                self._memory.postpone(memory)
+                continue
+            # What flickers has just come in each frame, and must not keep the others waiting.
+            may_search = left > 0 and not (memory.has_just_come and others_wait)
+            effort = self._effort(memory.deserves_a_search, may_search)
+            inside = self._spheres_in(points, cluster, readings, followed[k], effort, budget)
             if inside.spheres or effort is Effort.RANDOM:
                 memory = memory.after_search(success=bool(inside.spheres))
             if inside.spheres:
@@ -198,11 +207,11 @@ class SphereFinder:
         return memory.successes >= STATIC_SUCCESSES * memory.searches
 
     @staticmethod
-    def _effort(deserves_a_search: bool, left: int) -> Effort:
+    def _effort(deserves_a_search: bool, may_search: bool) -> Effort:
         """Effort of a search: a cluster that has to wait for it is searched by its outline."""
         if not deserves_a_search:
             return Effort.EXPECTED
-        return Effort.RANDOM if left > 0 else Effort.OUTLINE
+        return Effort.RANDOM if may_search else Effort.OUTLINE
 
     def _spheres_in(
         self,
@@ -211,12 +220,13 @@ class SphereFinder:
         readings: NDArray[np.float64],
         expected: Sequence[NDArray[np.float64]],
         effort: Effort,
+        budget: FrameBudget,
     ) -> ClusterSpheres:
         candidates: list[Candidate] = []
         left, rest = cluster, readings
         while len(candidates) < SPHERES_IN_CLUSTER and len(rest) >= self._settings.min_points:
             view = ClusterView(points, left, self._before)
-            candidate = self._best_sphere(view, rest, expected, effort)
+            candidate = self._best_sphere(view, rest, expected, effort, budget)
             if candidate is None:
                 break
             # What others have left of a cluster has outlines that are none, too.
@@ -277,9 +287,10 @@ class SphereFinder:
         readings: NDArray[np.float64],
         expected: Sequence[NDArray[np.float64]],
         effort: Effort,
+        budget: FrameBudget,
     ) -> Candidate | None:
         for part, hypothesis, must_end in self._hypotheses.of_cluster(
-            view, readings, expected, effort
+            view, readings, expected, effort, budget
         ):
             if len(part.points) and part.total >= self._fewest(view, hypothesis):
                 sphere = self._fitter.fitted(view, part, hypothesis)
@@ -292,6 +303,31 @@ class SphereFinder:
         test before the fit."""
         least = min(self._settings.min_visible_fraction, self._settings.min_partly_visible)
         return ROUGHLY_SEEN * least * view.readings_in_outline(sphere)
+
+
+def _in_turn(
+    parts: Sequence[NDArray[np.float64]],
+    followed: Sequence[Sequence[NDArray[np.float64]]],
+    new: Sequence[bool],
+    remembered: Sequence[RememberedCluster[None]],
+) -> list[int]:
+    """Return the order in which clusters have their turn while there is time.
+
+    What is followed comes first, then what is new, then the rest. Of the new ones, what has just
+    come into view, as a ball in flight does in each frame, and what has waited longest take turns.
+
+    `parts` (n, 3) m, points of each; `followed`: spheres that are expected in each; `new`: whether
+    each is; `remembered`: what is known of each.
+    """
+    order = sorted(range(len(parts)), key=lambda k: (-remembered[k].waited, len(parts[k])))
+    came = [k for k in order if new[k] and not followed[k] and remembered[k].has_just_come]
+    stayed = [k for k in order if new[k] and not followed[k] and not remembered[k].has_just_come]
+    taking_turns = [k for both in zip_longest(came, stayed) for k in both if k is not None]
+    return [
+        *(k for k in order if followed[k]),
+        *taking_turns,
+        *(k for k in order if not new[k] and not followed[k]),
+    ]
 
 
 def _reaches(sphere: NDArray[np.float64], points: NDArray[np.float64]) -> bool:

@@ -341,6 +341,7 @@ class PerceptionNode(ManagedNode):
             "handled": self._frames,
             "dropped": self._input.dropped,
             "restarts": self._restarts,
+            "clusters that wait": diagnostics.waiting,
             **{f"{name} (ms)": f"{1e3 * s:.1f}" for name, s in diagnostics.seconds.items()},
         }
         if diagnostics.problem:

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.foreground import ForegroundFinder, neighbour_labels
+from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.solids import SolidFinder, all_objects
 from intuitive_physics_perception.detection.sphere_fit import refine_sphere
 from intuitive_physics_perception.detection.sphere_hypotheses import (
@@ -143,7 +144,7 @@ def test_batches_stop_early_where_a_sphere_explains_much(rng) -> None:
     drawn = {}
     for name, points in {"ball": ball, "clutter": clutter}.items():
         counter = np.random.default_rng(0)
-        ransac_spheres(points, limits, noise, 1024, counter)
+        ransac_spheres(points, limits, noise, 1024, counter, FrameBudget())
         again, drawn[name] = np.random.default_rng(0), 0
         while again.bit_generator.state != counter.bit_generator.state:
             again.random((BATCH, 2 + 3 * NEIGHBOUR_DRAWS))

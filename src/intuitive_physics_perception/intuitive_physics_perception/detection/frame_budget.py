@@ -1,0 +1,33 @@
+"""Time that one frame has for hypotheses of objects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import inf
+from time import perf_counter
+
+
+class FrameBudget:
+    """Time of a frame for hypotheses of all kinds: what it does not reach waits for the next frame.
+
+    What is followed is looked at in any case.
+
+    Parameters
+    ----------
+    seconds : that it has; infinite: it has no end
+    clock : s, at which it begins now
+
+    Attributes
+    ----------
+    waiting : clusters that have not been looked at
+    """
+
+    def __init__(self, seconds: float = inf, clock: Callable[[], float] = perf_counter) -> None:
+        self._clock = clock
+        self._end = clock() + seconds
+        self.waiting = 0
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether its time is over."""
+        return self._clock() >= self._end

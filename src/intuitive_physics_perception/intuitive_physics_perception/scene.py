@@ -360,8 +360,10 @@ class ModelledScene:
             self._view.restart()
 
     def without_followed(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return a frame (height, width, 3) m with NaN about what is followed: it shows no part of
-        the environment."""
+        """Return a frame with NaN about what is followed: it shows no part of the environment.
+
+        `points` (height, width, 3) m, of the frame. Returns the same (height, width, 3).
+        """
         cleared = points.copy()
         for track in self.tracker.tracks:
             centre = self.model.to_sensor(track.mean[POSITION])

@@ -1,8 +1,10 @@
 """Which parameters a joint fit determines, and whether its stated uncertainties are true.
 
 Slopes at an estimate say how well the data hold it there, not whether it settled beside a better
-one, as fits to chaotic motion may. So two halves of the observations are fitted as well. They share
-no observation, so such errors of theirs have nothing in common: they lie about the estimate by as
+one, as fits to chaotic motion may. What fits from other starts that explain the observations as
+well differ by is added (`several_starts`). But all fits to the same observations have errors in
+common, so two halves of the observations are fitted as well, from where the best fit began. They
+share no observation, so errors of theirs have nothing in common: they lie about the estimate by as
 much as it is wrong. Were all slopes right and the halves equally informative, the estimate u would
 be the mean of the halves' estimates a and b, and a - u have the variance σ_a² - σ_u² = σ_a² / 2,
 that of u. By how much
@@ -59,9 +61,15 @@ SLOPE_STEP = 1e-5
 
 
 def joint_identifiability(
-    staged: StagedFit, task: LearningTask, seconds_left: Callable[[], float] = lambda: np.inf
+    staged: StagedFit,
+    spread: NDArray[np.float64],
+    task: LearningTask,
+    seconds_left: Callable[[], float] = lambda: np.inf,
 ) -> Identifiability:
-    """State what is identified and how well, after a fit has converged."""
+    """State what is identified and how well, after a fit has converged.
+
+    `spread` (n,) widths², by how much fits from other starts differ from it.
+    """
     fit, searched, active = staged.joint, task.searched, task.active
     parameters = searched.to_parameters(fit.unit)
     began = seconds_left()
@@ -73,6 +81,7 @@ def joint_identifiability(
         free, ends = one_sided_moves(fit, posterior.deviations, sided)
     agreed = _agreed(staged, ends, free, task, lambda: seconds_left() < reserved)
     least = ONE_SIDED_DEVIATIONS * UNIFORM
+    agreed = np.sqrt(agreed**2 + spread)
     one_sided = (free.max(axis=1) > least * agreed) & (agreed < LARGEST_DEVIATION)
     agreed = np.where(one_sided, agreed, np.maximum(agreed, sided))
     agreed = np.minimum(agreed, fit.prior.deviations)
@@ -212,7 +221,8 @@ def _agreed(
     if len(task.influence) < FEWEST_OBSERVATIONS:
         return deviations
     whole = task.fit_task
-    fits = [StagedFit(whole.of(members), fit.settings) for members in halves(whole.influence)]
+    parts = halves(whole.influence)
+    fits = [StagedFit(whole.of(members), staged.start[None]) for members in parts]
     # Side by side, so that neither is ahead where time runs out.
     for _ in range(staged.steps):
         for part in fits:

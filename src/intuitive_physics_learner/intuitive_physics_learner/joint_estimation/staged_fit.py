@@ -22,6 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from intuitive_physics.observation import Observation
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.several_starts import SeveralStarts
 from intuitive_physics_learner.search.learning_task import FitTask
 
 SEPARATE_STEPS = 20
@@ -37,94 +38,150 @@ unless all moved alone."""
 
 @dataclass(frozen=True, eq=False)
 class SeparateFit:
-    """A fit that has no parameter in common with the others of its stage.
+    """Fits from several starts that have no parameter in common with the others of their stage.
 
     Parameters
     ----------
-    members : (n_members,) indices of its observations
-    parameters : (k,) indices of its parameters
-    fit : to these observations, over these parameters
+    members : (n_members,) indices of their observations
+    parameters : (k,) indices of their parameters
+    starts : the fits to these observations, over these parameters
     """
 
     members: NDArray[np.int64]
     parameters: NDArray[np.int64]
-    fit: JointFit
+    starts: SeveralStarts
+
+    @property
+    def finished(self) -> bool:
+        """Whether no more steps are to be taken."""
+        return self.starts.settled or self.starts.steps >= SEPARATE_STEPS
 
 
 class StagedFit:
     """Fits objects that moved alone, each by itself, and then all observations jointly.
 
+    The separate fits begin at several starts, and the joint one at the best of each; where nothing
+    is fitted separately, the joint one begins at several starts.
+
+    `starts` (n_starts, n) points of the unit cube; None: only the prior's mean.
+
     Attributes
     ----------
-    joint : the fit to all observations; before it takes steps of its own it holds what the separate
-        ones have found
     steps : taken so far, in both stages
     """
 
-    def __init__(self, task: FitTask, settings: JointEstimationSettings | None = None) -> None:
+    def __init__(
+        self,
+        task: FitTask,
+        starts: NDArray[np.float64] | None = None,
+        settings: JointEstimationSettings | None = None,
+    ) -> None:
         settings = settings or JointEstimationSettings()
+        starts = task.prior.mean[None] if starts is None else starts
         groups = separable(task.cost.observations, task.influence)
         if sum(map(len, groups)) < SMALLEST_SEPARATE_SHARE * len(task.cost.observations):
             groups = []
-        # A scan takes as long as four steps, and separate fits have scanned their parameters.
-        ahead = replace(settings, scan_steps=()) if groups else settings
-        self.joint = JointFit(task, ahead)
         self.steps = 0
         self._separate = []
         for members in groups:
             parameters = np.flatnonzero(task.influence[members].any(axis=0))
-            fit = JointFit(task.part(members, parameters), settings)
-            self._separate.append(SeparateFit(members, parameters, fit))
+            part = task.part(members, parameters)
+            fits = SeveralStarts(part, settings, starts[:, parameters], left=1)
+            self._separate.append(SeparateFit(members, parameters, fits))
+        # A scan takes as long as four steps, and separate fits have scanned their parameters.
+        ahead = replace(settings, scan_steps=()) if groups else settings
+        self._jointly = SeveralStarts(task, ahead, starts[:1] if groups else starts)
+
+    @property
+    def joint(self) -> JointFit:
+        """The best fit to all observations.
+
+        Before it takes steps of its own it holds what the separate ones have found.
+        """
+        return self._jointly.best
+
+    @property
+    def start(self) -> NDArray[np.float64]:
+        """Where the best fits began, (n,) on the unit cube."""
+        start = self._jointly.starts[0].copy()
+        for part in self._separate:
+            start[part.parameters] = part.starts.starts[0]
+        return start
+
+    @property
+    def simulations(self) -> float:
+        """Simulations of single observations so far."""
+        separate = sum(part.starts.simulations for part in self._separate)
+        return separate + self._jointly.simulations
+
+    @property
+    def best_simulations(self) -> float:
+        """Simulations of single observations of the best fits alone."""
+        separate = sum(part.starts.best.model.simulations for part in self._separate)
+        return separate + self.joint.model.simulations
+
+    @property
+    def choice_simulations(self) -> float:
+        """Simulations of single observations that `choose` takes, about."""
+        return self._jointly.choice_simulations
 
     @property
     def settled(self) -> bool:
         """Whether both stages have converged: more steps would change nothing."""
-        return not self._unfinished() and self.joint.settled
+        return not self._unfinished() and self._jointly.settled
 
     def step(self) -> None:
         """Take a step of each separate fit, or once these have ended, of the joint one."""
         self.steps += 1
         unfinished = self._unfinished()
         for part in unfinished:
-            before = part.fit.model.simulations
-            part.fit.step()
-            self.joint.model.simulations += part.fit.model.simulations - before
+            part.starts.step()
         if unfinished:
             self._take_over()
         else:
-            self.joint.step()
+            self._jointly.step()
+
+    def choose(self) -> NDArray[np.float64]:
+        """Let the joint fit be the one of the largest evidence.
+
+        Returns (n,) widths², by how much fits from other starts differ from it where the
+        observations cannot tell which is right.
+        """
+        return self._jointly.choose()
 
     def state(self) -> dict[str, Any]:
         """Return plain data from which a fit to the same observations continues exactly."""
-        separate = [part.fit.state() for part in self._separate]
-        return {**self.joint.state(), "staged_steps": self.steps, "separate": separate}
+        return {
+            "steps": self.steps,
+            "joint": self._jointly.state(),
+            "separate": [part.starts.state() for part in self._separate],
+        }
 
     def load_state(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` returned."""
-        self.joint.load_state(state)
-        self.steps = state["staged_steps"]
-        saved = state["separate"]
-        self._separate = self._separate[: len(saved)]
-        for part, part_state in zip(self._separate, saved, strict=True):
-            part.fit.load_state(part_state)
+        self.steps = state["steps"]
+        self._jointly.load_state(state["joint"])
+        for part, part_state in zip(self._separate, state["separate"], strict=True):
+            part.starts.load_state(part_state)
 
     def _unfinished(self) -> list[SeparateFit]:
-        most = SEPARATE_STEPS
-        return [part for part in self._separate if not part.fit.settled and part.fit.steps < most]
+        return [part for part in self._separate if not part.finished]
 
     def _take_over(self) -> None:
         """Let the joint fit begin at what the separate ones have found."""
         joint, fits = self.joint, self.joint.observation_fits()
         unit, deviations = joint.unit.copy(), joint.deviations.copy()
         for part in self._separate:
-            unit[part.parameters] = part.fit.unit
-            deviations[part.parameters] = part.fit.deviations
-            joint.responsive[part.parameters] |= part.fit.responsive
-            for member, fit in zip(part.members, part.fit.observation_fits(), strict=True):
+            best = part.starts.best
+            unit[part.parameters] = best.unit
+            deviations[part.parameters] = best.deviations
+            joint.responsive[part.parameters] |= best.responsive
+            for member, fit in zip(part.members, best.observation_fits(), strict=True):
                 fits[member] = fit
         joint.begin_at(unit, deviations, fits)
         counts = [part.members.size for part in self._separate]
-        joint.misfits = float(np.average([p.fit.misfits for p in self._separate], weights=counts))
+        misfits = [part.starts.best.misfits for part in self._separate]
+        joint.misfits = float(np.average(misfits, weights=counts))
 
 
 def separable(

@@ -85,7 +85,7 @@ class TrajectoryModel:
     cost, space, prior : those of the task
     blocks : the observations
     spins : spreads of initial spins by which the priors of those that were guesses are widened
-    simulations : of single observations, so far
+    simulations : of single observations, so far; one up to half of the last point counts half
     """
 
     def __init__(self, task: FitTask, settings: JointEstimationSettings) -> None:
@@ -94,7 +94,7 @@ class TrajectoryModel:
         self.space = task.space
         self.prior = task.prior
         self.settings = settings
-        self.simulations = 0
+        self.simulations = 0.0
         self.blocks = self._stated = observation_blocks(task.cost.observations, task.influence)
         self.spins = InitialSpins()
         self._unknown_spins = {
@@ -116,6 +116,10 @@ class TrajectoryModel:
         """Yield blocks, with the points that horizons can reach in one step, and their fits."""
         for block, fit in zip(self.blocks, estimate.fits, strict=True):
             yield block.shortened(fit.horizons + self.settings.largest_advance), fit
+
+    def count(self, block: ObservationBlock, until: NDArray[np.float64], each: int) -> None:
+        """Count simulations of each observation of a block, up to `until` (W,) s."""
+        self.simulations += each * _whole_simulations(block, until)
 
     def widen_spins(self, spins: InitialSpins) -> None:
         """Widen the prior of each initial spin that was a guess to the spread of its material.
@@ -181,7 +185,7 @@ class TrajectoryModel:
         for block, part in self.parts(estimate):
             until = farthest_horizons(block, part.horizons, self.settings.largest_advance)
             unknowns = block.initial_states.components.shape[1] + block.parameters.shape[1]
-            self.simulations += block.members.size * (1 + 2 * unknowns)
+            self.count(block, until, 1 + 2 * unknowns)
             state_deviations = widening * part.deviations
             linear.append(
                 linearise(self.cost, block, part.estimate, state_deviations, steps, until)
@@ -240,7 +244,7 @@ class TrajectoryModel:
         fitted = []
         for (block, part), slopes in zip(self.parts(estimate), linear, strict=True):
             states, residuals = scanned_states(self.cost, block, part, slopes, candidates)
-            self.simulations += 2 * len(states) * block.members.size
+            self.count(block, part.horizons, 2 * len(states))
             parameters = block.parameters.shape[1]
             present = part.estimate[None], slopes.residuals[None]
             here = part.losses(block, *present)
@@ -302,33 +306,33 @@ class TrajectoryModel:
             moves = np.where(np.isinf(outer), outwards, 0.5 * (inner + outer))
         return np.where(asked[:, None], inner, 0.0)
 
-    @property
-    def move_simulations(self) -> int:
+    def move_simulations(self, estimate: Estimate) -> float:
         """Simulations of single observations that `plausible_moves` takes at most."""
-        return sum(
-            block.members.size
-            * (
-                1
-                + 2 * block.initial_states.components.shape[1]
-                + (2 + 4 * MOVE_ROUNDS) * block.parameters.shape[1]
-            )
-            for block in self.blocks
-        )
+        return self._simulations(estimate, 2 + 4 * MOVE_ROUNDS)
 
-    @property
-    def curvature_simulations(self) -> int:
+    def curvature_simulations(self, estimate: Estimate) -> float:
         """Simulations of single observations that `curvature_posterior` takes."""
+        return self._simulations(estimate, 2 * (1 + len(self._curvature_levels)))
+
+    def _simulations(self, estimate: Estimate, each: int) -> float:
+        """Simulations of a linearisation with `each` of them for each parameter."""
         return sum(
-            block.members.size
-            * (
-                1
-                + 2 * block.initial_states.components.shape[1]
-                + 2 * (1 + len(self._curvature_levels)) * block.parameters.shape[1]
+            (1 + 2 * block.initial_states.components.shape[1] + each * block.parameters.shape[1])
+            * _whole_simulations(
+                block, farthest_horizons(block, part.horizons, self.settings.largest_advance)
             )
-            for block in self.blocks
+            for block, part in self.parts(estimate)
         )
 
     @property
     def _curvature_levels(self) -> tuple[float, ...]:
         """Every other level of a scan: only how far a parameter can be moved is wanted."""
         return SCAN_LEVELS[::2]
+
+
+def _whole_simulations(block: ObservationBlock, until: NDArray[np.float64]) -> float:
+    """Return how many simulations to the last point take as long as one of each up to a time.
+
+    `until` (W,) s.
+    """
+    return float((until / block.durations).sum())

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
-    SCAN_LEVELS,
     ScanCandidates,
     scanned_states,
 )
@@ -54,10 +53,6 @@ LARGEST_MOVE_RISE = 4.5
 """Rise of the loss up to which a move is plausible, that of three standard deviations: a fit may
 gain more than that of two by making a ball slip that does not; below the 6 of a parabola at 2 √3
 standard deviations."""
-
-
-PLAUSIBLE_RISE = 2.0
-"""Loss that two standard deviations cost: half of two squared."""
 
 
 @dataclass(eq=False)
@@ -254,24 +249,10 @@ class TrajectoryModel:
             fitted.append(states.reshape(parameters, each.shape[1], *part.estimate.shape))
         return rises, fitted
 
-    def curvature_posterior(self, estimate: Estimate) -> tuple[Posterior, NDArray[np.float64]]:
-        """Return the posterior at an estimate, by the curvature of the loss on all sides.
-
-        Returns `posterior`: from slopes to both sides; `deviations` (n,) widths, largest standard
-        deviation of each parameter by slopes to one side or both, and by how far it can be moved
-        over its range without a loss: where a friction only has to be large enough, the curvature
-        is zero on one side.
-        """
+    def curvature_posterior(self, estimate: Estimate) -> Posterior:
+        """Return the posterior at an estimate, by slopes over wider steps than those of a fit."""
         linear = self.linearised(estimate, CURVATURE_WIDENING)
-        posterior = self.marginal_posterior(self.equations(estimate, linear))
-        deviations = [posterior.deviations]
-        for side in range(2):
-            sided = [replace(each, slopes=each.one_sided[side]) for each in linear]
-            deviations.append(self.marginal_posterior(self.equations(estimate, sided)).deviations)
-        rises, _ = self.scanned(estimate, linear, self._curvature_levels)
-        away = np.abs(np.array(self._curvature_levels) - estimate.unit[:, None])
-        deviations.append(np.where(rises < PLAUSIBLE_RISE, 0.5 * away, 0.0).max(axis=1))
-        return posterior, np.max(deviations, axis=0)
+        return self.marginal_posterior(self.equations(estimate, linear))
 
     def plausible_moves(
         self, estimate: Estimate, first: NDArray[np.float64]
@@ -312,7 +293,7 @@ class TrajectoryModel:
 
     def curvature_simulations(self, estimate: Estimate) -> float:
         """Simulations of single observations that `curvature_posterior` takes."""
-        return self._simulations(estimate, 2 * (1 + len(self._curvature_levels)))
+        return self._simulations(estimate, 2)
 
     def _simulations(self, estimate: Estimate, each: int) -> float:
         """Simulations of a linearisation with `each` of them for each parameter."""
@@ -323,11 +304,6 @@ class TrajectoryModel:
             )
             for block, part in self.parts(estimate)
         )
-
-    @property
-    def _curvature_levels(self) -> tuple[float, ...]:
-        """Every other level of a scan: only how far a parameter can be moved is wanted."""
-        return SCAN_LEVELS[::2]
 
 
 def _whole_simulations(block: ObservationBlock, until: NDArray[np.float64]) -> float:

@@ -12,6 +12,7 @@ from intuitive_physics_learner.joint_estimation import JointEstimationSettings, 
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
 from intuitive_physics_learner.joint_estimation.several_starts import (
     DROP_STEPS,
+    LEFT,
     SeveralStarts,
     better_fit,
     compared_evidences,
@@ -51,17 +52,16 @@ def test_one_start_is_lost_and_several_find_the_optimum(deceptive_task):
     assert several.best.unit[E] == pytest.approx(0.8, abs=0.02)
 
 
-@pytest.mark.parametrize("left", [1, 2])
-def test_the_worse_are_dropped_and_their_simulations_count(deceptive_task, left):
+def test_the_worse_are_dropped_and_their_simulations_count(deceptive_task):
     fit_task = deceptive_task.fit_task
     drawn = drawn_starts(fit_task.prior, 5, np.random.default_rng(1))
-    fits = SeveralStarts(fit_task, JointEstimationSettings(), drawn, left)
+    fits = SeveralStarts(fit_task, JointEstimationSettings(), drawn)
     for _ in range(DROP_STEPS - 1):
         fits.step()
     assert len(fits.fits) == 5
     before = fits.simulations
     fits.step()
-    assert len(fits.fits) == len(fits.starts) == left
+    assert len(fits.fits) == len(fits.starts) == LEFT
     assert fits.simulations > before
 
 

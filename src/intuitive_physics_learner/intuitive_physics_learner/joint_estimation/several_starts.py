@@ -104,11 +104,11 @@ def better_fit(task: FitTask, first: JointFit, second: JointFit) -> JointFit:
 class SeveralStarts:
     """Fits to the same observations from several starts.
 
-    `starts` (n_starts, n) points of the unit cube; `left`: number of fits that are not dropped.
+    `starts` (n_starts, n) points of the unit cube.
 
     Attributes
     ----------
-    task, left : as given
+    task : as given
     fits : those that were not dropped, the best one so far first
     starts : (n_fits, n) where each began
     steps : that the fits have taken
@@ -116,14 +116,9 @@ class SeveralStarts:
     """
 
     def __init__(
-        self,
-        task: FitTask,
-        settings: JointEstimationSettings,
-        starts: NDArray[np.float64],
-        left: int = LEFT,
+        self, task: FitTask, settings: JointEstimationSettings, starts: NDArray[np.float64]
     ) -> None:
         self.task = task
-        self.left = left
         self.starts = starts
         self.steps = 0
         self.spread = np.zeros(starts.shape[1])
@@ -164,10 +159,10 @@ class SeveralStarts:
             if not fit.settled:
                 fit.step()
         self.steps += 1
-        if self.steps == DROP_STEPS and self.left < len(self.fits):
+        if self.steps == DROP_STEPS and len(self.fits) > LEFT:
             self._order(compared_evidences(self.task, self.fits, 0))
-            self._dropped_simulations += sum(f.model.simulations for f in self.fits[self.left :])
-            self.fits, self.starts = self.fits[: self.left], self.starts[: self.left]
+            self._dropped_simulations += sum(f.model.simulations for f in self.fits[LEFT:])
+            self.fits, self.starts = self.fits[:LEFT], self.starts[:LEFT]
 
     def choose(self) -> NDArray[np.float64]:
         """Let the fit of the largest evidence be the best, and return how far others are from it.

@@ -38,30 +38,25 @@ unless all moved alone."""
 
 @dataclass(frozen=True, eq=False)
 class SeparateFit:
-    """Fits from several starts that have no parameter in common with the others of their stage.
+    """A fit that has no parameter in common with the others of its stage.
 
     Parameters
     ----------
-    members : (n_members,) indices of their observations
-    parameters : (k,) indices of their parameters
-    starts : the fits to these observations, over these parameters
+    members : (n_members,) indices of its observations
+    parameters : (k,) indices of its parameters
+    fit : to these observations, over these parameters
     """
 
     members: NDArray[np.int64]
     parameters: NDArray[np.int64]
-    starts: SeveralStarts
-
-    @property
-    def finished(self) -> bool:
-        """Whether no more steps are to be taken."""
-        return self.starts.settled or self.starts.steps >= SEPARATE_STEPS
+    fit: JointFit
 
 
 class StagedFit:
     """Fits objects that moved alone, each by itself, and then all observations jointly.
 
-    The separate fits begin at several starts, and the joint one at the best of each; where nothing
-    is fitted separately, the joint one begins at several starts.
+    Where nothing is fitted separately, the joint fit has several starts. Separate fits have one:
+    with more, less time is left for collisions.
 
     `starts` (n_starts, n) points of the unit cube; None: only the prior's mean.
 
@@ -81,16 +76,15 @@ class StagedFit:
         groups = separable(task.cost.observations, task.influence)
         if sum(map(len, groups)) < SMALLEST_SEPARATE_SHARE * len(task.cost.observations):
             groups = []
+        # A scan takes as long as four steps, and separate fits have scanned their parameters.
+        ahead = replace(settings, scan_steps=()) if groups else settings
+        self._jointly = SeveralStarts(task, ahead, starts[:1] if groups else starts)
         self.steps = 0
         self._separate = []
         for members in groups:
             parameters = np.flatnonzero(task.influence[members].any(axis=0))
-            part = task.part(members, parameters)
-            fits = SeveralStarts(part, settings, starts[:, parameters], left=1)
-            self._separate.append(SeparateFit(members, parameters, fits))
-        # A scan takes as long as four steps, and separate fits have scanned their parameters.
-        ahead = replace(settings, scan_steps=()) if groups else settings
-        self._jointly = SeveralStarts(task, ahead, starts[:1] if groups else starts)
+            fit = JointFit(task.part(members, parameters), settings)
+            self._separate.append(SeparateFit(members, parameters, fit))
 
     @property
     def joint(self) -> JointFit:
@@ -102,23 +96,18 @@ class StagedFit:
 
     @property
     def start(self) -> NDArray[np.float64]:
-        """Where the best fits began, (n,) on the unit cube."""
-        start = self._jointly.starts[0].copy()
-        for part in self._separate:
-            start[part.parameters] = part.starts.starts[0]
-        return start
+        """Where that fit began, (n,) on the unit cube."""
+        return self._jointly.starts[0]
 
     @property
     def simulations(self) -> float:
         """Simulations of single observations so far."""
-        separate = sum(part.starts.simulations for part in self._separate)
-        return separate + self._jointly.simulations
+        return self._jointly.simulations + self._separate_simulations
 
     @property
     def best_simulations(self) -> float:
-        """Simulations of single observations of the best fits alone."""
-        separate = sum(part.starts.best.model.simulations for part in self._separate)
-        return separate + self.joint.model.simulations
+        """Simulations of single observations from the best start alone."""
+        return self.joint.model.simulations + self._separate_simulations
 
     @property
     def choice_simulations(self) -> float:
@@ -135,7 +124,7 @@ class StagedFit:
         self.steps += 1
         unfinished = self._unfinished()
         for part in unfinished:
-            part.starts.step()
+            part.fit.step()
         if unfinished:
             self._take_over()
         else:
@@ -154,7 +143,7 @@ class StagedFit:
         return {
             "steps": self.steps,
             "joint": self._jointly.state(),
-            "separate": [part.starts.state() for part in self._separate],
+            "separate": [part.fit.state() for part in self._separate],
         }
 
     def load_state(self, state: Mapping[str, Any]) -> None:
@@ -162,26 +151,29 @@ class StagedFit:
         self.steps = state["steps"]
         self._jointly.load_state(state["joint"])
         for part, part_state in zip(self._separate, state["separate"], strict=True):
-            part.starts.load_state(part_state)
+            part.fit.load_state(part_state)
+
+    @property
+    def _separate_simulations(self) -> float:
+        return sum(part.fit.model.simulations for part in self._separate)
 
     def _unfinished(self) -> list[SeparateFit]:
-        return [part for part in self._separate if not part.finished]
+        most = SEPARATE_STEPS
+        return [part for part in self._separate if not part.fit.settled and part.fit.steps < most]
 
     def _take_over(self) -> None:
         """Let the joint fit begin at what the separate ones have found."""
         joint, fits = self.joint, self.joint.observation_fits()
         unit, deviations = joint.unit.copy(), joint.deviations.copy()
         for part in self._separate:
-            best = part.starts.best
-            unit[part.parameters] = best.unit
-            deviations[part.parameters] = best.deviations
-            joint.responsive[part.parameters] |= best.responsive
-            for member, fit in zip(part.members, best.observation_fits(), strict=True):
+            unit[part.parameters] = part.fit.unit
+            deviations[part.parameters] = part.fit.deviations
+            joint.responsive[part.parameters] |= part.fit.responsive
+            for member, fit in zip(part.members, part.fit.observation_fits(), strict=True):
                 fits[member] = fit
         joint.begin_at(unit, deviations, fits)
         counts = [part.members.size for part in self._separate]
-        misfits = [part.starts.best.misfits for part in self._separate]
-        joint.misfits = float(np.average(misfits, weights=counts))
+        joint.misfits = float(np.average([p.fit.misfits for p in self._separate], weights=counts))
 
 
 def separable(

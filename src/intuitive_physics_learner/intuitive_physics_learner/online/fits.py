@@ -82,7 +82,7 @@ class LoneFit:
         self.blocked = since < MISFIT_STEPS
 
     @property
-    def simulations(self) -> int:
+    def simulations(self) -> float:
         """Simulations of the observation so far."""
         return self._fit.model.simulations
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -31,6 +32,7 @@ from benchmarks.learning.scores import (
     excess,
     share_within,
 )
+from benchmarks.learning.sets import figures as set_figures
 from benchmarks.learning.stream import StreamCost, growth
 from benchmarks.learning.stream import figures as stream_figures
 from benchmarks.learning.stream_start import Start
@@ -127,6 +129,31 @@ def test_shares_are_of_all_identified_parameters_of_all_sets():
     for outside, complaints in ((11, 1), (10, 0), (1, 0), (0, 1)):
         scores = np.where(np.arange(100) < outside, 3.0, 0.0)
         assert len(dishonest([Coverage(scores, np.zeros(100), 100)])) == complaints
+
+
+def test_within_two_deviations_is_given_for_each_size_and_for_all():
+    small = Coverage(np.array([0.0, -1.0, 3.0]), np.array([0.1, 0.2, 0.3]), 5)
+    large = Coverage(np.zeros(5), np.zeros(5), 7)
+    results = [
+        SimpleNamespace(size=size, coverage=covered, excess=0.2, default_excess=1.0)
+        for size, covered in (("1x50", small), ("20x50", large))
+    ]
+    shares = set_figures(results)["within_2_sigma"]
+    assert shares == {"1x50": 0.667, "10x50": None, "20x50": 1.0, "all": 0.875}
+    assert set_figures([])["within_2_sigma"]["all"] is None
+    assert small.mean_error == pytest.approx(0.2)
+    assert Coverage(np.zeros(0), np.zeros(0), 3).mean_error is None
+
+
+def test_early_cost_is_over_the_first_seconds():
+    task = make_task(1, 11)
+    whole, early = task.exact_cost(), task.exact_cost(1.0)
+    for observation, short in zip(whole.observations, early.observations, strict=True):
+        times = short.objects[0].trajectory.times - short.start_time
+        assert times[-1] <= 1.0 < observation.objects[0].trajectory.times[-1]
+    # The mean length of three normal components is 2 √(2 / π).
+    (cost,) = early.costs([task.dataset.parameters])
+    assert cost == pytest.approx(2.0 * np.sqrt(2.0 / np.pi) * POSITION_NOISE, rel=0.1)
 
 
 @pytest.fixture(scope="module")

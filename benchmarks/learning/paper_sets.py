@@ -35,6 +35,7 @@ from intuitive_physics_learner import (
     TrajectoryCost,
     learn,
 )
+from intuitive_physics_learner.assessment.assessment import clean_part
 
 THREADS = 2  # threads of the learner's simulator
 TOLERANCE = 0.05  # part of the oracle's J by which a learner may stay above it
@@ -87,9 +88,13 @@ class Task:
         """J over the test split."""
         return self._cost(self.dataset.test_observations)
 
-    def exact_cost(self) -> TrajectoryCost:
-        """J over the test split from the true initial states, which depends on θ_s alone."""
-        return self._cost(self.dataset.with_initial_states("true").test_observations)
+    def exact_cost(self, seconds: float = np.inf) -> TrajectoryCost:
+        """J over the test split from the true initial states, which depends on θ_s alone.
+
+        Over the first seconds of each throw.
+        """
+        observations = self.dataset.with_initial_states("true").test_observations
+        return self._cost([clean_part(each, each.start_time + seconds) for each in observations])
 
     def compared(self, cost: TrajectoryCost, *learned: StaticParameters) -> list[float]:
         """J in m of each learned θ_s, then of the defaults."""

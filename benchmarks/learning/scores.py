@@ -55,6 +55,11 @@ class Coverage:
         """Number of identified parameters."""
         return int(self.scores.size)
 
+    @property
+    def mean_error(self) -> float | None:
+        """Mean error of the identified parameters in widths; None where none is identified."""
+        return float(self.errors.mean()) if self.identified else None
+
 
 def coverage(
     learned: LearnedParameters, true: StaticParameters, active: NDArray[np.bool_]

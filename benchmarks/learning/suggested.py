@@ -47,7 +47,9 @@ from intuitive_physics_learner.design import (
 )
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.joint_identifiability import one_sided_moves
 from intuitive_physics_learner.search.learning_task import LearningTask
+from intuitive_physics_learner.search.one_sided_intervals import UNIFORM
 
 WORLDS, QUICK_WORLDS = 8, 1  # random worlds
 BAR = 0.6  # largest number of suggested throws over that of random ones, issue 17
@@ -211,8 +213,10 @@ def _fitted(
         fit.step()
     unit = start.copy()
     unit[task.active] = fit.unit
-    posterior, sided = fit.model.curvature_posterior(fit.estimate)
-    factors = sided / posterior.deviations
+    posterior = fit.model.curvature_posterior(fit.estimate)
+    free, ends = one_sided_moves(fit, posterior.deviations)
+    # What is known to one side only counts as uniform over its interval.
+    factors = np.maximum(ends, 0.5 * free.sum(axis=1) / UNIFORM) / posterior.deviations
     information = np.linalg.inv(posterior.covariance * np.outer(factors, factors))
     information -= task.prior.precision
     whole = np.zeros((start.size, start.size))

@@ -66,6 +66,7 @@ def joint_run(task: Task, time_limit: float) -> JointRun:
         rows.append((seconds, search.iterations, search.best_cost, tested))
         # The clock stands still meanwhile.
         began += time.perf_counter() - stopped
+    search.conclude()
     times, iterations, training, tests = np.array(rows).T
     exact = float(task.exact_cost().costs([search.best_parameters])[0])
     return JointRun(times, iterations.astype(np.int64), training, tests, exact)

@@ -7,10 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_learner import TrajectoryCost
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings, fit_horizons
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     FAILED_LENGTH,
     MISFIT_POINTS,
+    MOST_RETREATS,
     RETREAT,
     TrajectoryFits,
     advanced_horizons,
@@ -139,10 +142,48 @@ def test_a_horizon_retreats_to_before_its_misfit_and_others_reach_their_goals(bl
     residuals = np.zeros((2, 100, 3))
     residuals[1, 49:, 0] = 10.0 * NOISE
     goals = np.array([3.2, 3.2])
-    moved, misfits = fits.advance(block, residuals, goals, SETTINGS.misfit_patience)
-    assert (moved, misfits) == (True, 1)
+    farther, misfits = fits.advance(block, residuals, goals, SETTINGS.misfit_patience)
+    assert (farther, misfits) == (True, 1)
     start = block.times[1, 49 - HALF]
     np.testing.assert_allclose(fits.horizons, [3.2, start - RETREAT])
+
+
+def test_a_horizon_that_retreats_twice_and_gets_no_farther_stays(block):
+    fits = TrajectoryFits.initial(block, np.ones(block.members.size))
+    fits.horizons = np.array([3.0, 3.0])
+    good, failing = np.zeros((2, 2, 100, 3))
+    failing[1, 49:, 0] = 10.0 * NOISE
+
+    def advance(residuals, to):
+        return fits.advance(block, residuals, np.full(2, to), 1)[0]
+
+    assert advance(good, 3.2)
+    for _ in range(MOST_RETREATS):
+        assert not advance(failing, 3.2)
+        retreated = fits.horizons.copy()
+        assert retreated[1] < 3.2
+        assert not advance(good, 3.2)
+    np.testing.assert_array_equal(fits.horizons, [3.2, retreated[1]])
+    # One that gets farther begins to count anew.
+    fits.retreats[:] = MOST_RETREATS - 1
+    assert advance(good, 3.4)
+    np.testing.assert_array_equal(fits.retreats, 0)
+
+
+def test_a_fit_settles_where_one_motion_cannot_be_explained_to_its_end(gliding_task, glide):
+    task = gliding_task([0.6] * 4, position_deviation=0.02, noise=0.002, count=60)
+    *others, last = task.cost.observations
+    (ball,) = last.objects
+    times, positions = ball.trajectory.times, ball.trajectory.positions.copy()
+    positions[:, 1] += np.maximum(times - 1.2, 0.0)
+    kicked = replace(last, objects=(replace(ball, trajectory=Trajectory(times, positions)),))
+    task = replace(task, cost=TrajectoryCost([*others, kicked], glide))
+    fit = JointFit(task.fit_task, SETTINGS)
+    for _ in range(60):
+        fit.step()
+    assert fit.settled
+    assert fit.unit[3] == pytest.approx(0.6, abs=0.002)
+    assert fit.observation_fits()[3].horizon < 1.5
 
 
 def test_losses_are_hubers_and_the_priors(block):

@@ -170,7 +170,7 @@ def test_posterior_keeps_information_of_earlier_observations(glide, glides):
     before = known(StaticParameters.uniform(["stone", "floor", "ball"]))
     bounds = {"restitution": Bounds(0.0, 0.8), "density": Bounds(100.0, 1000.0, "logarithmic")}
     after = learn(
-        [glides(np.random.default_rng(0), 0.5)], glide, options(100, bounds=bounds), previous=before
+        [glides(np.random.default_rng(0), 0.5)], glide, options(200, bounds=bounds), previous=before
     ).learned
     names = parameter_names(after.materials)
     values = after.posterior.space.to_values(after.posterior.draw(4000, np.random.default_rng(0)))

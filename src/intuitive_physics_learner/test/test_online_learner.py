@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import LearningOptions
 from intuitive_physics_learner.given_parameters import FIXED, PRIOR, given_parameters
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
-from intuitive_physics_learner.online import fits
 from intuitive_physics_learner.online.online_learner import OnlineLearner
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
@@ -156,17 +154,6 @@ def test_what_has_moved_far_is_published_after_it_has_won(event_driven, throws, 
     learner._publish()
     assert state.published.version == version + won
     assert (state.compared, state.score) == (0, 0.0)
-
-
-def test_no_single_observation_decides_between_two_fits(monkeypatch):
-    # The second one explains three of four a little worse and the last one, which took another
-    # turn, by thousands better; then that one as well as it should.
-    evidences = {"first": np.array([-1.0, -1.0, -1.0, -5000.0]), "second": np.full(4, -2.5)}
-    monkeypatch.setattr(fits, "log_evidences", lambda task, fit, horizons: (evidences[fit.name], 0))
-    both = [SimpleNamespace(name=name, observation_fits=list) for name in evidences]
-    assert fits.better_fit(None, *both).name == "first"
-    evidences["second"][:3] = -1.5
-    assert fits.better_fit(None, *both).name == "second"
 
 
 def test_forgets_with_the_time_constant(event_driven, throws):

@@ -52,6 +52,9 @@ MISFIT_POINTS = 9
 RETREAT = 0.3
 """Time before its first misfit to which a fit horizon retreats, s; set by hand."""
 
+MOST_RETREATS = 2
+"""Retreats of a fit horizon that never gets farther meanwhile, after which it advances no more: it
+would advance and retreat for ever, and each time it moves the estimate; set by hand."""
 
 FAILED_LENGTH = 1e4
 """Length of the residual, in σ of the noise, of a point that the simulator did not reach: finite,
@@ -70,6 +73,8 @@ class TrajectoryFits:
     horizons : (W,) s, the last time of each observation that is fitted
     misfits : (W,) consecutive steps in which each had a misfit
     weights : (W,) with which each counts in what it says of θ_s
+    farthest : (W,) s, the largest horizon that each has had
+    retreats : (W,) how often each has retreated since
     """
 
     estimate: NDArray[np.float64]
@@ -77,16 +82,21 @@ class TrajectoryFits:
     horizons: NDArray[np.float64]
     misfits: NDArray[np.int64]
     weights: NDArray[np.float64]
+    farthest: NDArray[np.float64]
+    retreats: NDArray[np.int64]
 
     @staticmethod
     def initial(block: ObservationBlock, weights: NDArray[np.float64]) -> TrajectoryFits:
         """Return the observed initial states with the first horizons, and given weights (W,)."""
+        count = block.members.size
         return TrajectoryFits(
             np.zeros_like(block.prior_deviations),
             np.minimum(block.prior_deviations, LARGEST_STATE_DEVIATION),
             first_horizons(block),
-            np.zeros(block.members.size, dtype=np.int64),
+            np.zeros(count, dtype=np.int64),
             weights,
+            np.zeros(count),
+            np.zeros(count, dtype=np.int64),
         )
 
     def losses(
@@ -115,20 +125,27 @@ class TrajectoryFits:
     ) -> tuple[bool, int]:
         """Move horizons to their goals; where a misfit has lasted too long, to before it.
 
+        One that has retreated `MOST_RETREATS` times and got no farther stays.
+
         `residuals` (W, P, 3) m, of the present estimate; `goals` (W,) s, to which horizons may
-        advance. Returns `moved`: whether any horizon did; `misfits`: number of observations with a
-        misfit.
+        advance. Returns `farther`: whether any horizon got farther than before; `misfits`: number
+        of observations with a misfit.
         """
         starts = misfit_starts(block, residuals, self.horizons)
         misfit = np.isfinite(starts)
         self.misfits = np.where(misfit, self.misfits + 1, 0)
         back = self.misfits >= misfit_patience
         self.misfits[back] = 0
+        self.retreats[back] += 1
         before = self.horizons
-        self.horizons = np.where(misfit, before, goals)
+        stays = misfit | (self.retreats >= MOST_RETREATS)
+        self.horizons = np.where(stays, before, goals)
         retreat = np.maximum(starts - RETREAT, first_horizons(block))
         self.horizons = np.where(back, np.minimum(retreat, before), self.horizons)
-        return bool((self.horizons != before).any()), int(misfit.sum())
+        farther = self.horizons > self.farthest
+        self.retreats[farther] = 0
+        self.farthest = np.maximum(self.farthest, self.horizons)
+        return bool(farther.any()), int(misfit.sum())
 
     def state(self) -> dict[str, Any]:
         """Return plain data from which `load_state` restores these fits."""

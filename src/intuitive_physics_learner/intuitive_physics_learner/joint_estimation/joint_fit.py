@@ -132,10 +132,10 @@ class JointFit:
         return self._settled >= SETTLED_STEPS
 
     @property
-    def held_simulations(self) -> int:
+    def held_simulations(self) -> float:
         """Simulations of single observations that `return_if_better` takes, about."""
         each = self.model.simulations / max(self.steps, 1)
-        return int(3 * (HELD_STEPS + 1) * each)
+        return 3 * (HELD_STEPS + 1) * each
 
     def likelihoods(self, *, look_for_spins: bool = False) -> list[LocalLikelihood]:
         """Return the likelihood of θ_s near the estimate, of each observation."""
@@ -399,7 +399,7 @@ class JointFit:
             residuals = residuals_at(
                 model.cost, block, trying, candidates, index[:, None], part.horizons
             )
-            model.simulations += len(index) * block.members.size
+            model.count(block, part.horizons, len(index))
             part_losses = part.losses(block, trying, residuals)
             for u in range(len(units)):
                 losses[u] += (part.weights * part_losses[index == u].min(axis=0)).sum()
@@ -418,7 +418,10 @@ class JointFit:
         tried: list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]],
         goals: list[NDArray[np.float64]],
     ) -> bool:
-        """Take the best initial states among options; return whether any horizon moved."""
+        """Take the best initial states among options.
+
+        Returns whether any horizon got farther than before.
+        """
         advanced, misfits = False, 0
         for (block, part), (trying, residuals, losses), goal in zip(
             self.model.parts(self.estimate), tried, goals, strict=True
@@ -426,10 +429,10 @@ class JointFit:
             pick = options[np.argmin(losses[options], axis=0)]
             every = np.arange(block.members.size)
             part.estimate = trying[pick, every]
-            moving, failing = part.advance(
+            farther, failing = part.advance(
                 block, residuals[pick, every], goal, self.settings.misfit_patience
             )
-            advanced |= moving
+            advanced |= farther
             misfits += failing
         self.misfits = misfits / len(self.model.cost.observations)
         return advanced

@@ -1,8 +1,10 @@
 """Which parameters a joint fit determines, and whether its stated uncertainties are true.
 
 Slopes at an estimate say how well the data hold it there, not whether it settled beside a better
-one, as fits to chaotic motion may. So two halves of the observations are fitted as well. They share
-no observation, so such errors of theirs have nothing in common: they lie about the estimate by as
+one, as fits to chaotic motion may. What fits from other starts that explain the observations as
+well differ by is added (`several_starts`). But all fits to the same observations have errors in
+common, so two halves of the observations are fitted as well, from where the best fit began. They
+share no observation, so errors of theirs have nothing in common: they lie about the estimate by as
 much as it is wrong. Were all slopes right and the halves equally informative, the estimate u would
 be the mean of the halves' estimates a and b, and a - u have the variance σ_a² - σ_u² = σ_a² / 2,
 that of u. By how much
@@ -12,9 +14,11 @@ that of u. By how much
 is more than one, uncertainties are widened. Nor can all data be more informative than both halves
 together: where the curvature at u alone is high, u is a peculiar place.
 
-A parameter that only has to be large enough, or small enough, is known to one side only. Where the
-loss hardly rises much farther to one side than slopes say, there is an interval, and the deviation
-is that of its ends. Within it the halves cannot disagree, nor need they be bound by slopes.
+Nor does a slope say what lies beyond a kink: a parameter that only has to be large enough, or small
+enough, is known to one side only. So the profile of the loss along each parameter is followed as
+far as it hardly rises. Where that is farther than slopes say, the deviation is that of its ends;
+where it is so to one side only, there is an interval. Within it the halves cannot disagree, nor
+need they be bound by slopes.
 """
 
 from __future__ import annotations
@@ -59,22 +63,26 @@ SLOPE_STEP = 1e-5
 
 
 def joint_identifiability(
-    staged: StagedFit, task: LearningTask, seconds_left: Callable[[], float] = lambda: np.inf
+    staged: StagedFit,
+    spread: NDArray[np.float64],
+    task: LearningTask,
+    seconds_left: Callable[[], float] = lambda: np.inf,
 ) -> Identifiability:
-    """State what is identified and how well, after a fit has converged."""
+    """State what is identified and how well, after a fit has converged.
+
+    `spread` (n,) widths², by how much fits from other starts differ from it.
+    """
     fit, searched, active = staged.joint, task.searched, task.active
     parameters = searched.to_parameters(fit.unit)
     began = seconds_left()
-    posterior, sided = fit.model.curvature_posterior(fit.estimate)
+    posterior = fit.model.curvature_posterior(fit.estimate)
     # Those of both halves take about as long as this one.
     reserved = began - seconds_left() if np.isfinite(began) else 0.0
-    free, ends = np.zeros((sided.size, 2)), sided
-    if seconds_left() > reserved:
-        free, ends = one_sided_moves(fit, posterior.deviations, sided)
+    free, ends = one_sided_moves(fit, posterior.deviations)
     agreed = _agreed(staged, ends, free, task, lambda: seconds_left() < reserved)
     least = ONE_SIDED_DEVIATIONS * UNIFORM
+    agreed = np.sqrt(agreed**2 + spread)
     one_sided = (free.max(axis=1) > least * agreed) & (agreed < LARGEST_DEVIATION)
-    agreed = np.where(one_sided, agreed, np.maximum(agreed, sided))
     agreed = np.minimum(agreed, fit.prior.deviations)
     factors = agreed / posterior.deviations
     slopes = _slopes(searched, fit.unit)
@@ -101,20 +109,19 @@ def joint_identifiability(
 
 
 def one_sided_moves(
-    fit: JointFit, deviations: NDArray[np.float64], sided: NDArray[np.float64]
+    fit: JointFit, deviations: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Find the parameters that the observations bind to one side only.
 
-    `deviations` (n,) widths, standard deviation of each parameter by slopes to both sides; `sided`
-    (n,) widths, the largest by slopes to any side. Returns `free` (n, 2) widths, how far they can
-    be moved down and up; 0 for the other parameters; `ends` (n,) widths, standard deviation of
-    their ends; `sided` for the other parameters.
+    `deviations` (n,) widths, standard deviation of each parameter by slopes. Returns `free` (n, 2)
+    widths, how far they can be moved down and up; 0 for the other parameters; `ends` (n,) widths,
+    standard deviation of each, where a move to both sides is plausible that of its ends.
     """
     least = ONE_SIDED_DEVIATIONS * UNIFORM
     moves = fit.model.plausible_moves(fit.estimate, least * deviations)
     ends = np.maximum(deviations, moves.min(axis=1) / UNIFORM)
     one_sided = (moves.max(axis=1) > least * ends) & (ends < LARGEST_DEVIATION)
-    return np.where(one_sided[:, None], moves, 0.0), np.where(one_sided, ends, sided)
+    return np.where(one_sided[:, None], moves, 0.0), ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,14 +219,18 @@ def _agreed(
     if len(task.influence) < FEWEST_OBSERVATIONS:
         return deviations
     whole = task.fit_task
-    fits = [StagedFit(whole.of(members), fit.settings) for members in halves(whole.influence)]
+    parts = halves(whole.influence)
+    fits = [StagedFit(whole.of(members), staged.start[None]) for members in parts]
     # Side by side, so that neither is ahead where time runs out.
     for _ in range(staged.steps):
         for part in fits:
             if not part.settled and not (part.steps and out_of_time()):
                 part.step()
     joints = [part.joint for part in fits]
-    first, second = (Half(j.unit, j.model.curvature_posterior(j.estimate)[1]) for j in joints)
+    first, second = (
+        Half(joint.unit, joint.model.curvature_posterior(joint.estimate).deviations)
+        for joint in joints
+    )
     families = _families(task.searched.names)
     return agreed_deviations(fit.unit, deviations, (first, second), families, free)
 

@@ -14,6 +14,7 @@ from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.joint_estimation.cost_descent import CostDescent
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.joint_identifiability import joint_identifiability
+from intuitive_physics_learner.joint_estimation.several_starts import STARTS, drawn_starts
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.search.identifiability import Identifiability
 from intuitive_physics_learner.search.learning_task import LearningTask
@@ -41,7 +42,7 @@ class JointSearch(Search):
     Parameters
     ----------
     task : what to learn
-    generator : of the random numbers of the descent of J
+    generator : of the starts of fits, and of the random numbers of the descent of J
     """
 
     def __init__(self, task: LearningTask, generator: np.random.Generator) -> None:
@@ -49,7 +50,10 @@ class JointSearch(Search):
         fit_task = task.fit_task
         self._cost = task.cost
         self._space = fit_task.space
-        self._staged = StagedFit(fit_task)
+        drawn = drawn_starts(fit_task.prior, STARTS - 1, generator)
+        self._staged = StagedFit(fit_task, np.array([fit_task.prior.mean, *drawn]))
+        self._spread = np.zeros(fit_task.prior.mean.size)
+        self._evaluations = 0
         self._descent = CostDescent(replace(fit_task, cost=task.cost), generator)
         self._misfits: list[float] = []
         self._lowest = self.fit.unit
@@ -85,6 +89,15 @@ class JointSearch(Search):
                 self._descent.begin(np.array([self.fit.prior.mean, self._lowest]))
         return self.iterations - before
 
+    def conclude(self) -> None:
+        """Choose among the fits from several starts by their evidence."""
+        if self.lowers_cost or not self._staged.steps:
+            return
+        before = self.fit.unit
+        self._spread = self._staged.choose()
+        if (self.fit.unit != before).any():
+            self._evaluate(0.0)
+
     def keep_start(self, task: LearningTask) -> bool:
         if not self.lowers_cost:
             return self.fit.return_if_better(task.begin)
@@ -104,17 +117,19 @@ class JointSearch(Search):
         """From the posterior of the fit; where J was lowered instead, by J."""
         if self.lowers_cost:
             return super().identifiability(task, cancelled=cancelled, seconds_left=seconds_left)
-        return joint_identifiability(self._staged, task, seconds_left)
+        return joint_identifiability(self._staged, self._spread, task, seconds_left)
 
     def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
         if self.lowers_cost or self.iterations == 0:
             return super().identifiability_seconds(task, seconds)
-        # The fits to both halves simulate as much as the fit to all.
-        model = self.fit.model
-        judged = 2 * model.curvature_simulations + model.move_simulations
+        # The fits to both halves simulate as much as the fit to all, from one start.
+        model, estimate = self.fit.model, self.fit.estimate
+        judged = self._staged.best_simulations + 2 * model.curvature_simulations(estimate)
+        judged += model.move_simulations(estimate) + self._staged.choice_simulations
         if task.start_was_learned:
             judged += self.fit.held_simulations
-        return seconds * (1.0 + judged / max(model.simulations, 1))
+        simulated = self._staged.simulations + self._evaluations * len(task.influence)
+        return seconds * judged / simulated
 
     def initial_spins(self) -> InitialSpins:
         """From the posterior of each initial spin; unknown where J was lowered instead."""
@@ -135,6 +150,7 @@ class JointSearch(Search):
     def own_state(self) -> dict[str, Any]:
         return {
             "fit": self._staged.state(),
+            "evaluations": self._evaluations,
             "misfits": list(self._misfits),
             "lowest": self._lowest.tolist(),
             "lowest_cost": self._lowest_cost if self._history else None,
@@ -143,6 +159,7 @@ class JointSearch(Search):
 
     def load_own_state(self, state: Mapping[str, Any]) -> None:
         self._staged.load_state(state["fit"])
+        self._evaluations = state["evaluations"]
         self._misfits = list(state["misfits"])
         self._lowest = np.array(state["lowest"])
         self._lowest_cost = np.inf if state["lowest_cost"] is None else state["lowest_cost"]
@@ -151,7 +168,7 @@ class JointSearch(Search):
 
     def _evaluate(self, relative_gain: float) -> None:
         (cost,) = self._cost.costs([self.best_parameters]).tolist()
-        self.fit.model.simulations += len(self._cost.observations)
+        self._evaluations += 1
         if cost < self._lowest_cost:
             self._lowest, self._lowest_cost = self.fit.unit, cost
         self._count(cost, relative_gain)
@@ -159,6 +176,6 @@ class JointSearch(Search):
     def _count(self, cost: float, relative_gain: float) -> None:
         """Count simulations as evaluations of J, the last of which found `cost` m."""
         observations = len(self._cost.observations)
-        simulations = self.fit.model.simulations + self._descent.simulations
-        while self.iterations * observations < simulations:
+        simulations = self._staged.simulations + self._descent.simulations
+        while (self.iterations - self._evaluations) * observations < simulations:
             self._record(cost, relative_gain)

@@ -22,6 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from intuitive_physics.observation import Observation
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.several_starts import SeveralStarts
 from intuitive_physics_learner.search.learning_task import FitTask
 
 SEPARATE_STEPS = 20
@@ -54,21 +55,30 @@ class SeparateFit:
 class StagedFit:
     """Fits objects that moved alone, each by itself, and then all observations jointly.
 
+    Where nothing is fitted separately, the joint fit has several starts. Separate fits have one:
+    with more, less time is left for collisions.
+
+    `starts` (n_starts, n) points of the unit cube; None: only the prior's mean.
+
     Attributes
     ----------
-    joint : the fit to all observations; before it takes steps of its own it holds what the separate
-        ones have found
     steps : taken so far, in both stages
     """
 
-    def __init__(self, task: FitTask, settings: JointEstimationSettings | None = None) -> None:
+    def __init__(
+        self,
+        task: FitTask,
+        starts: NDArray[np.float64] | None = None,
+        settings: JointEstimationSettings | None = None,
+    ) -> None:
         settings = settings or JointEstimationSettings()
+        starts = task.prior.mean[None] if starts is None else starts
         groups = separable(task.cost.observations, task.influence)
         if sum(map(len, groups)) < SMALLEST_SEPARATE_SHARE * len(task.cost.observations):
             groups = []
         # A scan takes as long as four steps, and separate fits have scanned their parameters.
         ahead = replace(settings, scan_steps=()) if groups else settings
-        self.joint = JointFit(task, ahead)
+        self._jointly = SeveralStarts(task, ahead, starts[:1] if groups else starts)
         self.steps = 0
         self._separate = []
         for members in groups:
@@ -77,36 +87,75 @@ class StagedFit:
             self._separate.append(SeparateFit(members, parameters, fit))
 
     @property
+    def joint(self) -> JointFit:
+        """The best fit to all observations.
+
+        Before it takes steps of its own it holds what the separate ones have found.
+        """
+        return self._jointly.best
+
+    @property
+    def start(self) -> NDArray[np.float64]:
+        """Where that fit began, (n,) on the unit cube."""
+        return self._jointly.starts[0]
+
+    @property
+    def simulations(self) -> float:
+        """Simulations of single observations so far."""
+        return self._jointly.simulations + self._separate_simulations
+
+    @property
+    def best_simulations(self) -> float:
+        """Simulations of single observations from the best start alone."""
+        return self.joint.model.simulations + self._separate_simulations
+
+    @property
+    def choice_simulations(self) -> float:
+        """Simulations of single observations that `choose` takes, about."""
+        return self._jointly.choice_simulations
+
+    @property
     def settled(self) -> bool:
         """Whether both stages have converged: more steps would change nothing."""
-        return not self._unfinished() and self.joint.settled
+        return not self._unfinished() and self._jointly.settled
 
     def step(self) -> None:
         """Take a step of each separate fit, or once these have ended, of the joint one."""
         self.steps += 1
         unfinished = self._unfinished()
         for part in unfinished:
-            before = part.fit.model.simulations
             part.fit.step()
-            self.joint.model.simulations += part.fit.model.simulations - before
         if unfinished:
             self._take_over()
         else:
-            self.joint.step()
+            self._jointly.step()
+
+    def choose(self) -> NDArray[np.float64]:
+        """Let the joint fit be the one of the largest evidence.
+
+        Returns (n,) widths², by how much fits from other starts differ from it where the
+        observations cannot tell which is right.
+        """
+        return self._jointly.choose()
 
     def state(self) -> dict[str, Any]:
         """Return plain data from which a fit to the same observations continues exactly."""
-        separate = [part.fit.state() for part in self._separate]
-        return {**self.joint.state(), "staged_steps": self.steps, "separate": separate}
+        return {
+            "steps": self.steps,
+            "joint": self._jointly.state(),
+            "separate": [part.fit.state() for part in self._separate],
+        }
 
     def load_state(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` returned."""
-        self.joint.load_state(state)
-        self.steps = state["staged_steps"]
-        saved = state["separate"]
-        self._separate = self._separate[: len(saved)]
-        for part, part_state in zip(self._separate, saved, strict=True):
+        self.steps = state["steps"]
+        self._jointly.load_state(state["joint"])
+        for part, part_state in zip(self._separate, state["separate"], strict=True):
             part.fit.load_state(part_state)
+
+    @property
+    def _separate_simulations(self) -> float:
+        return sum(part.fit.model.simulations for part in self._separate)
 
     def _unfinished(self) -> list[SeparateFit]:
         most = SEPARATE_STEPS

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
-    SCAN_LEVELS,
     ScanCandidates,
     scanned_states,
 )
@@ -56,10 +55,6 @@ gain more than that of two by making a ball slip that does not; below the 6 of a
 standard deviations."""
 
 
-PLAUSIBLE_RISE = 2.0
-"""Loss that two standard deviations cost: half of two squared."""
-
-
 @dataclass(eq=False)
 class Estimate:
     """θ_s and initial states with their uncertainty.
@@ -85,7 +80,7 @@ class TrajectoryModel:
     cost, space, prior : those of the task
     blocks : the observations
     spins : spreads of initial spins by which the priors of those that were guesses are widened
-    simulations : of single observations, so far
+    simulations : of single observations, so far; one up to half of the last point counts half
     """
 
     def __init__(self, task: FitTask, settings: JointEstimationSettings) -> None:
@@ -94,7 +89,7 @@ class TrajectoryModel:
         self.space = task.space
         self.prior = task.prior
         self.settings = settings
-        self.simulations = 0
+        self.simulations = 0.0
         self.blocks = self._stated = observation_blocks(task.cost.observations, task.influence)
         self.spins = InitialSpins()
         self._unknown_spins = {
@@ -116,6 +111,10 @@ class TrajectoryModel:
         """Yield blocks, with the points that horizons can reach in one step, and their fits."""
         for block, fit in zip(self.blocks, estimate.fits, strict=True):
             yield block.shortened(fit.horizons + self.settings.largest_advance), fit
+
+    def count(self, block: ObservationBlock, until: NDArray[np.float64], each: int) -> None:
+        """Count simulations of each observation of a block, up to `until` (W,) s."""
+        self.simulations += each * _whole_simulations(block, until)
 
     def widen_spins(self, spins: InitialSpins) -> None:
         """Widen the prior of each initial spin that was a guess to the spread of its material.
@@ -181,7 +180,7 @@ class TrajectoryModel:
         for block, part in self.parts(estimate):
             until = farthest_horizons(block, part.horizons, self.settings.largest_advance)
             unknowns = block.initial_states.components.shape[1] + block.parameters.shape[1]
-            self.simulations += block.members.size * (1 + 2 * unknowns)
+            self.count(block, until, 1 + 2 * unknowns)
             state_deviations = widening * part.deviations
             linear.append(
                 linearise(self.cost, block, part.estimate, state_deviations, steps, until)
@@ -240,7 +239,7 @@ class TrajectoryModel:
         fitted = []
         for (block, part), slopes in zip(self.parts(estimate), linear, strict=True):
             states, residuals = scanned_states(self.cost, block, part, slopes, candidates)
-            self.simulations += 2 * len(states) * block.members.size
+            self.count(block, part.horizons, 2 * len(states))
             parameters = block.parameters.shape[1]
             present = part.estimate[None], slopes.residuals[None]
             here = part.losses(block, *present)
@@ -250,24 +249,10 @@ class TrajectoryModel:
             fitted.append(states.reshape(parameters, each.shape[1], *part.estimate.shape))
         return rises, fitted
 
-    def curvature_posterior(self, estimate: Estimate) -> tuple[Posterior, NDArray[np.float64]]:
-        """Return the posterior at an estimate, by the curvature of the loss on all sides.
-
-        Returns `posterior`: from slopes to both sides; `deviations` (n,) widths, largest standard
-        deviation of each parameter by slopes to one side or both, and by how far it can be moved
-        over its range without a loss: where a friction only has to be large enough, the curvature
-        is zero on one side.
-        """
+    def curvature_posterior(self, estimate: Estimate) -> Posterior:
+        """Return the posterior at an estimate, by slopes over wider steps than those of a fit."""
         linear = self.linearised(estimate, CURVATURE_WIDENING)
-        posterior = self.marginal_posterior(self.equations(estimate, linear))
-        deviations = [posterior.deviations]
-        for side in range(2):
-            sided = [replace(each, slopes=each.one_sided[side]) for each in linear]
-            deviations.append(self.marginal_posterior(self.equations(estimate, sided)).deviations)
-        rises, _ = self.scanned(estimate, linear, self._curvature_levels)
-        away = np.abs(np.array(self._curvature_levels) - estimate.unit[:, None])
-        deviations.append(np.where(rises < PLAUSIBLE_RISE, 0.5 * away, 0.0).max(axis=1))
-        return posterior, np.max(deviations, axis=0)
+        return self.marginal_posterior(self.equations(estimate, linear))
 
     def plausible_moves(
         self, estimate: Estimate, first: NDArray[np.float64]
@@ -302,33 +287,28 @@ class TrajectoryModel:
             moves = np.where(np.isinf(outer), outwards, 0.5 * (inner + outer))
         return np.where(asked[:, None], inner, 0.0)
 
-    @property
-    def move_simulations(self) -> int:
+    def move_simulations(self, estimate: Estimate) -> float:
         """Simulations of single observations that `plausible_moves` takes at most."""
-        return sum(
-            block.members.size
-            * (
-                1
-                + 2 * block.initial_states.components.shape[1]
-                + (2 + 4 * MOVE_ROUNDS) * block.parameters.shape[1]
-            )
-            for block in self.blocks
-        )
+        return self._simulations(estimate, 2 + 4 * MOVE_ROUNDS)
 
-    @property
-    def curvature_simulations(self) -> int:
+    def curvature_simulations(self, estimate: Estimate) -> float:
         """Simulations of single observations that `curvature_posterior` takes."""
+        return self._simulations(estimate, 2)
+
+    def _simulations(self, estimate: Estimate, each: int) -> float:
+        """Simulations of a linearisation with `each` of them for each parameter."""
         return sum(
-            block.members.size
-            * (
-                1
-                + 2 * block.initial_states.components.shape[1]
-                + 2 * (1 + len(self._curvature_levels)) * block.parameters.shape[1]
+            (1 + 2 * block.initial_states.components.shape[1] + each * block.parameters.shape[1])
+            * _whole_simulations(
+                block, farthest_horizons(block, part.horizons, self.settings.largest_advance)
             )
-            for block in self.blocks
+            for block, part in self.parts(estimate)
         )
 
-    @property
-    def _curvature_levels(self) -> tuple[float, ...]:
-        """Every other level of a scan: only how far a parameter can be moved is wanted."""
-        return SCAN_LEVELS[::2]
+
+def _whole_simulations(block: ObservationBlock, until: NDArray[np.float64]) -> float:
+    """Return how many simulations to the last point take as long as one of each up to a time.
+
+    `until` (W,) s.
+    """
+    return float((until / block.durations).sum())

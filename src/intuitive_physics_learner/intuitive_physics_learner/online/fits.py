@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.cost.cost_function import Cost
-from intuitive_physics_learner.joint_estimation.joint_fit import (
-    LARGEST_VOTE,
-    JointFit,
-    ObservationFit,
-)
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit, ObservationFit
 from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.several_starts import better_fit as better_fit
+from intuitive_physics_learner.joint_estimation.several_starts import log_evidences
 from intuitive_physics_learner.search.learning_task import FitTask, GaussianPrior
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
@@ -29,9 +27,6 @@ RETRY_STEPS = 60
 """Joint steps of a second, more careful fit of an observation that cannot be explained; set by
 hand."""
 
-SCORING_STEPS = 3
-"""Joint steps up to a common horizon before evidences are compared; set by hand."""
-
 MISFIT_STEPS = 4
 """Number of last steps of a lone fit in which a misfit means that the motion cannot be explained
 farther: an advance beyond what can be explained ends in a misfit every other step or third."""
@@ -39,31 +34,6 @@ farther: an advance beyond what can be explained ends in a misfit every other st
 LARGEST_ADVANCE = 0.5
 """Largest advance of a fit horizon in one step, s: more than in a fit that begins with nothing, for
 what is known predicts farther; set by hand."""
-
-
-def log_evidences(
-    task: FitTask, solution: JointFit, horizons: Sequence[float]
-) -> tuple[NDArray[np.float64], float]:
-    """Return ln ∫ p(points up to horizons | θ_s) p(θ_s) dθ_s by Laplace's approximation, in parts.
-
-    `horizons` in s, the last time of each observation that counts; evidences up to different ones
-    do not compare. Returns those of each observation (n_observations,), near the estimate and by
-    the task's weights; and that of θ_s: its prior there, and how much the observations narrow it.
-    """
-    prior = task.prior
-    fit = JointFit(task, JointEstimationSettings().with_fixed_horizons())
-    fits = zip(solution.observation_fits(), horizons, strict=True)
-    begun = [replace(each, horizon=horizon) for each, horizon in fits]
-    fit.begin_at(solution.unit, prior.deviations, begun)
-    for _ in range(SCORING_STEPS):
-        fit.step()
-    likelihoods, precision = fit.likelihoods(), prior.precision.copy()
-    for likelihood, weight in zip(likelihoods, task.weights, strict=True):
-        part = np.ix_(likelihood.parameters, likelihood.parameters)
-        precision[part] += weight * likelihood.information
-    narrowed = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(prior.precision)[1]
-    losses = task.weights * np.array([likelihood.loss for likelihood in likelihoods])
-    return -losses, -float(prior.losses(fit.unit[None])[0]) - 0.5 * float(narrowed)
 
 
 class LoneFit:
@@ -112,7 +82,7 @@ class LoneFit:
         self.blocked = since < MISFIT_STEPS
 
     @property
-    def simulations(self) -> int:
+    def simulations(self) -> float:
         """Simulations of the observation so far."""
         return self._fit.model.simulations
 
@@ -140,21 +110,6 @@ def window_fit(task: FitTask, scans: tuple[int, ...]) -> JointFit:
     return JointFit(
         task, JointEstimationSettings(largest_advance=LARGEST_ADVANCE, scan_steps=scans)
     )
-
-
-def better_fit(task: FitTask, first: JointFit, second: JointFit) -> JointFit:
-    """Return the fit of the larger evidence, up to the longer horizon of each observation.
-
-    A single observation counts up to `LARGEST_VOTE`: beyond where a fit explains it, it differs by
-    thousands, and that says only that one of the two took a wrong turn.
-    """
-    pairs = zip(first.observation_fits(), second.observation_fits(), strict=True)
-    horizons = [max(a.horizon, b.horizon) for a, b in pairs]
-    (points, parameters), (other_points, other_parameters) = (
-        log_evidences(task, fit, horizons) for fit in (first, second)
-    )
-    votes = np.clip(points - other_points, -LARGEST_VOTE, LARGEST_VOTE)
-    return first if votes.sum() + parameters - other_parameters >= 0.0 else second
 
 
 def run(fit: JointFit, steps: int, seconds_left: Callable[[], float] = lambda: np.inf) -> None:

@@ -126,7 +126,7 @@ class OnlineLearner:
         self._simulator = simulator
         self._options = options or OnlineOptions()
         self.state = OnlineState.empty() if state is None else state
-        self.simulations = 0
+        self.simulations = 0.0
         self.problem = ""
         self._observations = {observation.id: observation for observation in observations}
         self._assessments: list[Assessment] = []

@@ -68,6 +68,10 @@ class Search(ABC):
         Returns whether the start is better than what was found.
         """
 
+    @abstractmethod
+    def conclude(self) -> None:
+        """Choose the result at the end of `run`, where there is a choice left to make."""
+
     def initial_spins(self) -> InitialSpins:
         """Return how balls were thrown in the observations; what is not known is left out."""
         return InitialSpins()
@@ -118,6 +122,8 @@ class Search(ABC):
             reason = self._stop_reason(criteria, spent, evaluated == 0, cancelled)
         if on_checkpoint is not None:
             on_checkpoint(self.state_dict())
+        if reason is not StopReason.CANCELLED:
+            self.conclude()
         return SearchResult(
             self.best_parameters,
             self.best_cost,
@@ -253,6 +259,9 @@ class ParameterSearch(Search):
                 self._best_point = point
             self._record(min(cost, self.best_cost), relative_gain)
         return len(points)
+
+    def conclude(self) -> None:
+        """Nothing: the point of the lowest J is the result."""
 
     def keep_start(self, task: LearningTask) -> bool:
         (cost,) = self._cost([task.start]).tolist()

@@ -1,0 +1,162 @@
+"""Of several starts the best by evidence is left, and what cannot be told apart widens σ."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings, several_starts
+from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
+from intuitive_physics_learner.joint_estimation.several_starts import (
+    DROP_STEPS,
+    LEFT,
+    SeveralStarts,
+    better_fit,
+    compared_evidences,
+    drawn_starts,
+)
+from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
+
+E = 3
+"""Index of the only parameter that has an effect."""
+
+
+def two_optima(e):
+    """Return the effect of e: as observed at 0.8, nearly so at 0.3, and wrong between."""
+    return np.interp(e, [0.0, 0.3, 0.6, 0.8, 1.0], [1.3, 1.02, 1.3, 1.0, 0.7])
+
+
+@pytest.fixture
+def deceptive_task(gliding_task):
+    """Make a task that begins at e = 0.5, from where it is downhill to the wrong optimum."""
+    return gliding_task([0.8] * 4, effect=two_optima, position_deviation=0.002, noise=0.002)
+
+
+def run(task, starts, steps=25):
+    fits = SeveralStarts(task.fit_task, JointEstimationSettings(scan_steps=()), np.array(starts))
+    for _ in range(steps):
+        fits.step()
+    return fits
+
+
+def test_one_start_is_lost_and_several_find_the_optimum(deceptive_task):
+    prior = deceptive_task.fit_task.prior
+    own = prior.mean
+    assert abs(run(deceptive_task, [own]).best.unit[E] - 0.8) > 0.2
+    drawn = drawn_starts(prior, 5, np.random.default_rng(0))
+    several = run(deceptive_task, [own, *drawn])
+    several.choose()
+    assert several.best.unit[E] == pytest.approx(0.8, abs=0.02)
+
+
+def test_the_worse_are_dropped_and_their_simulations_count(deceptive_task):
+    fit_task = deceptive_task.fit_task
+    drawn = drawn_starts(fit_task.prior, 5, np.random.default_rng(1))
+    fits = SeveralStarts(fit_task, JointEstimationSettings(), drawn)
+    for _ in range(DROP_STEPS - 1):
+        fits.step()
+    assert len(fits.fits) == 5
+    before = fits.simulations
+    fits.step()
+    assert len(fits.fits) == len(fits.starts) == LEFT
+    assert fits.simulations > before
+
+
+def test_optima_that_the_observations_cannot_tell_apart_widen_the_deviation(gliding_task):
+    # f(e) = 0.64 - |e - ½|: both e = 0.2 and e = 0.8 give the 0.34 observed.
+    task = gliding_task(
+        [0.2] * 3, effect=lambda e: 0.64 - abs(e - 0.5), position_deviation=0.002, noise=0.002
+    )
+    low, high = np.full((2, 4), 0.5)
+    low[E], high[E] = 0.3, 0.7
+    fits = run(task, [low, high])
+    spread = fits.choose()
+    units = sorted(fit.unit[E] for fit in fits.fits)
+    assert units == pytest.approx([0.2, 0.8], abs=0.01)
+    # Equal weights: ½ 0.6².
+    assert spread[E] == pytest.approx(0.18, rel=0.1)
+
+
+def test_fits_that_end_at_one_place_have_no_spread(gliding_task):
+    task = gliding_task([0.6] * 3, position_deviation=0.002, noise=0.002)
+    starts = drawn_starts(task.prior, 3, np.random.default_rng(0))
+    starts[:, :E] = 0.5
+    assert run(task, starts).choose()[E] < 1e-6
+
+
+def test_continues_exactly(deceptive_task):
+    starts = drawn_starts(deceptive_task.prior, 4, np.random.default_rng(0))
+    for stopped in (2, 5, 9):
+        whole = run(deceptive_task, starts, 12)
+        state = json.loads(json.dumps(run(deceptive_task, starts, stopped).state()))
+        resumed = SeveralStarts(
+            deceptive_task.fit_task, JointEstimationSettings(scan_steps=()), starts
+        )
+        resumed.load_state(state)
+        for _ in range(12 - stopped):
+            resumed.step()
+        np.testing.assert_array_equal(resumed.choose(), whole.choose())
+        assert resumed.state() == whole.state()
+
+
+@settings(max_examples=50)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    count=st.integers(0, 12),
+    n=st.integers(1, 6),
+    known=st.floats(0.001, 0.28),
+)
+def test_drawn_starts_fill_the_range_of_the_prior(seed, count, n, known):
+    rng = np.random.default_rng(seed)
+    mean = rng.random(n)
+    free = drawn_starts(GaussianPrior.uninformative(mean), count, rng)
+    assert free.shape == (count, n)
+    # One in each of as many equal parts of each parameter's range.
+    np.testing.assert_array_equal(
+        np.sort(np.floor(count * free.clip(max=1.0 - 1e-9)), axis=0),
+        np.tile(np.arange(count)[:, None], n),
+    )
+    narrow = GaussianPrior(mean, np.eye(n) * known**-2)
+    near = drawn_starts(narrow, count, rng)
+    assert ((near >= 0.0) & (near <= 1.0)).all()
+    assert (np.abs(near - mean) <= known * np.sqrt(UNIFORM_PRECISION) + 1e-12).all()
+
+
+@pytest.fixture
+def stated(monkeypatch):
+    """Make fits that state the log evidences of observations, those of θ_s being zero."""
+
+    def stated_evidences(task, fit, horizons, steps=0):
+        return fit.evidences, 0.0
+
+    monkeypatch.setattr(several_starts, "log_evidences", stated_evidences)
+    return lambda *evidences: SimpleNamespace(
+        evidences=np.array(evidences), observation_fits=lambda: [SimpleNamespace(horizon=1.0)]
+    )
+
+
+def test_no_single_observation_decides_between_two_fits(stated):
+    # The second one explains three of four a little worse and the last one, which took another
+    # turn, by thousands better; then that one as well as it should.
+    first, second = stated(-1.0, -1.0, -1.0, -5000.0), stated(-2.5, -2.5, -2.5, -2.5)
+    assert better_fit(None, first, second) is first
+    assert better_fit(None, first, stated(-1.5, -1.5, -1.5, -2.5)) is not first
+
+
+@given(st.lists(st.lists(st.floats(-1e4, 1e2), min_size=3, max_size=3), min_size=2, max_size=5))
+def test_votes_are_bounded_and_the_difference_of_two_is_clipped(drawn):
+    made = [SimpleNamespace(observation_fits=lambda: [SimpleNamespace(horizon=1.0)]) for _ in drawn]
+    for fit, evidences in zip(made, drawn, strict=True):
+        fit.evidences = np.array(evidences)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            several_starts, "log_evidences", lambda task, fit, horizons, steps: (fit.evidences, 0.0)
+        )
+        compared = compared_evidences(None, made)
+        first = compared_evidences(None, made[:2])
+    assert np.ptp(compared) <= 3 * LARGEST_VOTE + 1e-6
+    expected = np.clip(np.subtract(*drawn[:2]), -LARGEST_VOTE, LARGEST_VOTE).sum()
+    assert first[0] - first[1] == pytest.approx(expected, abs=1e-6)

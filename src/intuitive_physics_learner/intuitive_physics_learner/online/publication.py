@@ -13,14 +13,12 @@ from numpy.typing import NDArray
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.parameter_posterior import (
     LARGEST_DEVIATION,
-    UNIFORM_PRECISION,
     ParameterPosterior,
 )
 from intuitive_physics.parameter_space import parameter_vector
 from intuitive_physics_learner.methods import JOINT_METHOD
-from intuitive_physics_learner.online.information import Information, jackknife_variances
+from intuitive_physics_learner.online.information import Information
 from intuitive_physics_learner.online.online_state import OnlineState
-from intuitive_physics_learner.search.identifiability import widened_information
 from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 
@@ -68,19 +66,17 @@ def has_won(state: OnlineState) -> bool:
 def next_version(state: OnlineState, cost: float) -> LearnedParameters:
     """Return the estimate as the next version of θ_s; `cost` is its J over the window."""
     space, held, published = state.space, state.held, state.published
-    parameters, factors = state.parameters, _widening(state)
-    widths = np.maximum(factors * state.prior.deviations, _jackknife_deviations(state))
-    information = widened_information(state.posterior.matrix, factors, widths)
-    identified = held | (widths < LARGEST_DEVIATION)
+    parameters, prior, information = state.parameters, state.prior, state.posterior.matrix
+    identified = held | (prior.deviations < LARGEST_DEVIATION)
     slopes = space.slopes(state.unit)
-    covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(widths.size))
+    covariance = np.linalg.inv(prior.precision)
     covariance[held], covariance[:, held] = 0.0, 0.0
     deviations = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
     posterior = ParameterPosterior.from_information(
         state.materials, space.to_unit(parameters), information, space.bounds
     )
     kept = _kept_intervals(state)
-    intervals = np.full((widths.size, 2), np.nan)
+    intervals = np.full((held.size, 2), np.nan)
     if published is not None and kept.any():
         values = np.where(
             kept, parameter_vector(published.parameters), parameter_vector(parameters)
@@ -124,26 +120,6 @@ def _differs(state: OnlineState, before: GaussianPrior) -> NDArray[np.bool_]:
     deviations = state.prior.deviations
     moved = _distance(state, before) > SMALLEST_MOVE * deviations
     return moved | (np.abs(deviations / before.deviations - 1.0) > SMALLEST_NARROWING)
-
-
-def _widening(state: OnlineState) -> NDArray[np.float64]:
-    """Factors (n,) by which the stated standard deviations are too small, at least 1.
-
-    A posterior mean is a martingale: the variance of a move is that by which the posterior
-    narrows. An estimate that moves more than this was less certain than it was stated to be.
-    """
-    return np.sqrt(np.maximum((1.0 + state.moves) / (1.0 + state.narrowings), 1.0))
-
-
-def _jackknife_deviations(state: OnlineState) -> NDArray[np.float64]:
-    """Standard deviations (n,), widths, by leaving out each observation of the window."""
-    variances = jackknife_variances(
-        state.posterior,
-        state.centre,
-        [member.likelihood for member in state.window],
-        np.array([member.weight for member in state.window]),
-    )
-    return np.sqrt(np.minimum(variances, 1.0 / UNIFORM_PRECISION))
 
 
 def _has_near_challenger(state: OnlineState) -> bool:

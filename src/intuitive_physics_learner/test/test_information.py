@@ -11,6 +11,7 @@ from intuitive_physics_learner.online.information import (
     Information,
     decode_array,
     encode_array,
+    jackknife_variances,
 )
 from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
 
@@ -70,6 +71,28 @@ def test_forgetting_parameters_leaves_the_marginal_of_the_others():
     assert left == pytest.approx(mean[[0, 2]])
     assert not information.matrix[[1, 3]].any()
     assert not information.vector[[1, 3]].any()
+
+
+def test_jackknife_variance_of_a_mean():
+    generator = np.random.default_rng(3)
+    count, sharpness = 400, 1e4
+    information, likelihoods = Information.none(1), []
+    for _ in range(count):
+        about = np.array([0.5])
+        best = about + generator.normal(0.0, sharpness**-0.5, 1)
+        matrix = np.array([[sharpness]])
+        likelihoods.append(
+            LocalLikelihood(np.array([0]), about, matrix, matrix @ (about - best), 0.0)
+        )
+        information.add(likelihoods[-1])
+    (variance,) = jackknife_variances(information, np.array([0.5]), likelihoods, np.ones(count))
+    assert variance == pytest.approx(1.0 / (count * sharpness), rel=0.3)
+    lone = LocalLikelihood(np.array([0]), np.array([0.6]), np.array([[1e9]]), np.zeros(1), 0.0)
+    information.add(lone)
+    (variance,) = jackknife_variances(
+        information, np.array([0.5]), [*likelihoods, lone], np.ones(count + 1)
+    )
+    assert np.sqrt(variance) == pytest.approx(0.1, rel=0.05)
 
 
 @given(arrays(np.float64, st.tuples(st.integers(0, 4), st.integers(0, 4))))

@@ -171,14 +171,8 @@ def test_no_single_observation_decides_between_fits(monkeypatch):
     # turn, by thousands better; then that one as well as it should.
     evidences = [np.array([-1.0, -1.0, -1.0, -5000.0]), np.full(4, -2.5)]
     monkeypatch.setattr(fits, "log_evidences", lambda task, fit, horizons: (evidences[fit.k], 0.0))
-    block = SimpleNamespace(members=np.arange(4), durations=np.full(4, 2.0))
     horizons = [SimpleNamespace(horizon=1.0)] * 4
-    both = [
-        SimpleNamespace(
-            k=k, model=SimpleNamespace(blocks=[block]), observation_fits=lambda: horizons
-        )
-        for k in range(2)
-    ]
+    both = [SimpleNamespace(k=k, observation_fits=lambda: horizons) for k in range(2)]
     assert fits.most_evident(None, both) == 0
     evidences[1][:3] = -1.5
     assert fits.most_evident(None, both) == 1

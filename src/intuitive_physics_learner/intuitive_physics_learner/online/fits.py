@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_space import ParameterSpace
@@ -35,8 +35,9 @@ SCORING_STEPS = 3
 """Joint steps up to a common horizon before evidences are compared; set by hand."""
 
 BEYOND = 0.5
-"""Time beyond the longest fit horizon up to which fits are compared as well as up to the end, s; on
-three chaotic sets these two together chose the better one more often than each alone."""
+"""Time beyond the fit horizon up to which fits are compared, s; fits to many observations up to the
+end as well: on three chaotic sets these two together chose the better one more often than each
+alone."""
 
 MISFIT_STEPS = 4
 """Number of last steps of a lone fit in which a misfit means that the motion cannot be explained
@@ -47,19 +48,30 @@ LARGEST_ADVANCE = 0.5
 what is known predicts farther; set by hand."""
 
 
+def durations(fit: JointFit) -> NDArray[np.float64]:
+    """Time (n_observations,) in s of the last point of each observation."""
+    ends = np.empty(len(fit.model.cost.observations))
+    for block in fit.model.blocks:
+        ends[block.members] = block.durations
+    return ends
+
+
 def log_evidences(
-    task: FitTask, solution: JointFit, horizons: Sequence[float]
+    task: FitTask, solution: JointFit, horizons: ArrayLike
 ) -> tuple[NDArray[np.float64], float]:
     """Return ln ∫ p(points up to horizons | θ_s) p(θ_s) dθ_s by Laplace's approximation, in parts.
 
-    `horizons` in s, the last time of each observation that counts; evidences up to different ones
-    do not compare. Returns those of each observation (n_observations,), near the estimate and by
-    the task's weights; and that of θ_s: its prior there, and how much the observations narrow it.
+    `horizons` (n_observations,) s, the last time of each that counts; evidences up to different
+    ones do not compare. Returns those of each observation (n_observations,), near the estimate and
+    by the task's weights; and that of θ_s, its prior there and how much the observations narrow it.
     """
     prior = task.prior
     fit = JointFit(task, JointEstimationSettings().with_fixed_horizons())
-    fits = zip(solution.observation_fits(), horizons, strict=True)
-    begun = [replace(each, horizon=horizon) for each, horizon in fits]
+    ends = np.minimum(horizons, durations(fit))
+    begun = [
+        replace(each, horizon=float(end))
+        for each, end in zip(solution.observation_fits(), ends, strict=True)
+    ]
     fit.begin_at(solution.unit, prior.deviations, begun)
     for _ in range(SCORING_STEPS):
         fit.step()
@@ -129,15 +141,19 @@ class LoneFit:
 
     def likelihood(self) -> LocalLikelihood:
         """Return the likelihood of all n parameters near the estimate."""
-        (likelihood,) = self._fit.likelihoods(look_for_spins=True)
+        (likelihood,) = self._fit.likelihoods()
         return replace(likelihood, parameters=self._parameters[likelihood.parameters])
 
-    def log_evidence(self, horizon: float) -> float:
+    def log_evidence(self, horizon: float, prior: GaussianPrior | None = None) -> float:
         """Return ln ∫ p(points up to a horizon | θ_s) p(θ_s) dθ_s by Laplace's approximation.
 
         `horizon` in s, the last time that counts; evidences up to different ones do not compare.
+        `prior` of all n parameters; None: that of the fit.
         """
-        of_points, of_parameters = log_evidences(self._task, self._fit, [horizon])
+        task = self._task
+        if prior is not None:
+            task = replace(task, prior=prior.marginal(self._parameters))
+        of_points, of_parameters = log_evidences(task, self._fit, [horizon])
         return float(of_points.sum()) + of_parameters
 
 
@@ -183,12 +199,9 @@ def most_evident(task: FitTask, fits: Sequence[JointFit]) -> int:
     took a wrong turn.
     """
     every = [[each.horizon for each in fit.observation_fits()] for fit in fits]
-    durations = np.empty(len(every[0]))
-    for block in fits[0].model.blocks:
-        durations[block.members] = block.durations
-    beyond = np.minimum(np.max(every, axis=0) + BEYOND, durations)
+    beyond = np.max(every, axis=0) + BEYOND
     evidences = [
-        [log_evidences(task, fit, horizons.tolist()) for horizons in (beyond, durations)]
+        [log_evidences(task, fit, horizons) for horizons in (beyond, np.full(beyond.size, np.inf))]
         for fit in fits
     ]
     best = 0

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import base64
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -148,6 +148,38 @@ def gaussian_mean(posterior: ParameterPosterior) -> NDArray[np.float64]:
     """Mean (n,) of the Gaussian that stands for a posterior: the middle of one-sided intervals."""
     ends = posterior.intervals
     return np.where(np.isnan(ends[:, 0]), posterior.mean, ends.mean(axis=1))
+
+
+def jackknife_variances(
+    information: Information,
+    centre: NDArray[np.float64],
+    likelihoods: Sequence[LocalLikelihood],
+    weights: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Variances (n,), widths², of the mean by how it moves without each of some observations.
+
+    With N observations of a parameter, (N - 1) / N Σ (m_without - m)². Where knowledge rests on one
+    observation whose linearisation may be wrong, this is the uncertainty without it. 0 for
+    parameters that fewer than two of them depend on.
+
+    `centre` (n,) mean where nothing is known; `weights` (n_observations,) with which `information`
+    has them.
+    """
+    prior = information.prior(centre)
+    covariance = np.asarray(np.linalg.inv(prior.precision), dtype=np.float64)
+    squares, counts = np.zeros(centre.size), np.zeros(centre.size)
+    for likelihood, weight in zip(likelihoods, weights, strict=True):
+        parameters = likelihood.parameters
+        precision = np.linalg.inv(covariance[np.ix_(parameters, parameters)])
+        pulls = precision @ prior.mean[parameters]
+        pulls -= weight * (likelihood.information @ likelihood.estimate - likelihood.scores)
+        rest = precision - weight * likelihood.information
+        values, vectors = np.linalg.eigh(0.5 * (rest + rest.T))
+        # The bounds are always known.
+        mean = (vectors / np.maximum(values, UNIFORM_PRECISION)) @ (vectors.T @ pulls)
+        squares[parameters] += (mean - prior.mean[parameters]) ** 2
+        counts[parameters] += 1.0
+    return squares * np.maximum(counts - 1.0, 0.0) / np.maximum(counts, 1.0)
 
 
 def encode_array(array: NDArray[np.float64]) -> dict[str, Any]:

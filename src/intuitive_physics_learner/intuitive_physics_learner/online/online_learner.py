@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from intuitive_physics_learner.joint_estimation.settings import JointEstimationS
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.online.change_point import change_probability, find_change
 from intuitive_physics_learner.online.fits import (
+    BEYOND,
     JointProblem,
     LoneFit,
     agreement_weights,
@@ -49,7 +50,7 @@ FREE_SCANS = (2, 5)
 """Numbers of steps after which a lone fit that knows nothing of θ_s scans each parameter; set by
 hand."""
 
-WINDOW_STEPS = 8
+WINDOW_STEPS = 4
 """Joint steps of all observations of the window after new ones; set by hand."""
 
 REFIT_STEPS = 60
@@ -96,6 +97,22 @@ FORGOTTEN = float(np.exp(-7.0))
 
 LARGEST_EXPONENT = 700.0
 """Largest argument of exp in double precision."""
+
+
+@dataclass(frozen=True, eq=False)
+class Doubt:
+    """Why an observation is set aside.
+
+    Parameters
+    ----------
+    fit : that knows nothing of θ_s
+    assessment : to be noted
+    disturbed : whether nothing explains it, so that it says nothing of any knowledge
+    """
+
+    fit: LoneFit
+    assessment: Assessment
+    disturbed: bool
 
 
 class OnlineLearner:
@@ -238,13 +255,13 @@ class OnlineLearner:
             state.set_aside += 1
             return
         self._observations[observation.id] = observation
-        self._score(cost, influence, fit)
         doubt = self._reason_for_doubt(cost, influence, fit)
+        if doubt is None or not doubt.disturbed:
+            self._score(fit)
         if doubt is None:
             state.window.append(self._member(observation, fit))
         else:
-            free, assessment = doubt
-            self._set_aside(self._member(observation, free), assessment)
+            self._set_aside(self._member(observation, doubt.fit), doubt.assessment)
 
     def _member(self, observation: Observation, fit: LoneFit) -> Member:
         number, stamp = self.state.processed, observation.start_time
@@ -273,7 +290,7 @@ class OnlineLearner:
 
     def _reason_for_doubt(
         self, cost: TrajectoryCost, influence: NDArray[np.bool_], fit: LoneFit
-    ) -> tuple[LoneFit, Assessment] | None:
+    ) -> Doubt | None:
         """Compare with a fit that knows nothing; None when the observation is not doubtful."""
         state = self.state
         share = state.explained / (state.met + FEW)
@@ -293,13 +310,13 @@ class OnlineLearner:
                 f"contradicts what is known of its materials: e^{gain:.0f} times as likely with "
                 "other parameters"
             )
-            return free, Assessment(observation.id, weight, reason, DOUBTFUL)
+            return Doubt(free, Assessment(observation.id, weight, reason, DOUBTFUL), False)
         if free.blocked and share > SMALLEST_EXPLAINED:
             reason = (
                 f"no parameters explain its motion after {horizon:.2f} s, as they do that of "
                 f"{100.0 * share:.0f} % of the last observations"
             )
-            return free, Assessment(observation.id, 1.0 - share, reason, DOUBTFUL)
+            return Doubt(free, Assessment(observation.id, 1.0 - share, reason, DOUBTFUL), True)
         return None
 
     def _set_aside(self, member: Member, assessment: Assessment) -> None:
@@ -332,24 +349,21 @@ class OnlineLearner:
         self.state.set_aside -= 1
         self._assessments.append(Assessment(member.id, 1.0, "agrees with later observations", USED))
 
-    def _score(self, cost: TrajectoryCost, influence: NDArray[np.bool_], fit: LoneFit) -> None:
+    def _score(self, fit: LoneFit) -> None:
         """Add how much better the challenger predicted an observation than what is published.
 
-        `fit` is to what is known now, which the challenger is at first. What neither explains to
-        its end was disturbed, and does not count.
+        `fit` is to what is known now; both predictions begin where it ends.
         """
         state = self.state
         if state.challenger is None:
             return
-        if not state.challenger.equals(state.posterior):
-            fit = self._lone_fit(cost, influence, state.challenger.prior(state.centre))
-        published = state.published_information.prior(state.centre)
-        other = self._lone_fit(cost, influence, published)
-        if fit.blocked and other.blocked:
-            return
-        horizon = max(fit.observation_fit.horizon, other.observation_fit.horizon)
-        gain = fit.log_evidence(horizon) - other.log_evidence(horizon)
-        state.score += float(np.clip(gain, -LARGEST_VOTE, LARGEST_VOTE))
+        horizon = fit.observation_fit.horizon + BEYOND
+        challenger, published = (
+            fit.log_evidence(horizon, information.prior(state.centre))
+            for information in (state.challenger, state.published_information)
+        )
+        gain = np.clip(challenger - published, -LARGEST_VOTE, LARGEST_VOTE)
+        state.score += float(gain)
         state.compared += 1
 
     def _forget_until(self, stamp: float) -> None:
@@ -372,12 +386,11 @@ class OnlineLearner:
             return 1.0
         return float(np.exp(-(self.state.time - member.stamp) / self._options.time_constant))
 
-    def _age_weights(self) -> NDArray[np.float64]:
-        """Weights of the window's observations by their age, (n_observations,)."""
-        return np.array([self._age_weight(member) for member in self.state.window])
-
     def _fit(self, seconds_left: Callable[[], float]) -> None:
         """Fit the window, or where that is due all observations that are kept."""
+        for member in self.state.kept:
+            if self._age_weight(member) < FORGOTTEN:
+                self._let_go(member)
         if self.state.refit_is_due:
             self._refit(seconds_left)
             self._retire()
@@ -512,14 +525,8 @@ class OnlineLearner:
         state.add_up()
 
     def _retire(self) -> None:
-        """Let go what is too old, and what says least leave a window that is too full.
-
-        The newest that have left it are kept.
-        """
+        """Let leave a window that is too full what says least, and go what left it first."""
         state = self.state
-        for member in state.kept:
-            if self._age_weight(member) < FORGOTTEN:
-                self._let_go(member)
         while len(state.window) > self._options.window:
             covariance: NDArray[np.float64] = np.asarray(
                 np.linalg.inv(state.prior.precision), dtype=np.float64

@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.parameter_posterior import (
     LARGEST_DEVIATION,
+    UNIFORM_PRECISION,
     ParameterPosterior,
 )
 from intuitive_physics.parameter_space import parameter_vector
 from intuitive_physics_learner.methods import JOINT_METHOD
-from intuitive_physics_learner.online.information import Information
+from intuitive_physics_learner.online.information import Information, jackknife_variances
 from intuitive_physics_learner.online.online_state import OnlineState
+from intuitive_physics_learner.search.identifiability import widened_information
 from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 
@@ -66,17 +68,18 @@ def has_won(state: OnlineState) -> bool:
 def next_version(state: OnlineState, cost: float) -> LearnedParameters:
     """Return the estimate as the next version of θ_s; `cost` is its J over the window."""
     space, held, published = state.space, state.held, state.published
-    parameters, prior, information = state.parameters, state.prior, state.posterior.matrix
-    identified = held | (prior.deviations < LARGEST_DEVIATION)
+    parameters, widths = state.parameters, _deviations(state)
+    information = widened_information(state.posterior.matrix, np.ones(widths.size), widths)
+    identified = held | (widths < LARGEST_DEVIATION)
     slopes = space.slopes(state.unit)
-    covariance = np.linalg.inv(prior.precision)
+    covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(widths.size))
     covariance[held], covariance[:, held] = 0.0, 0.0
     deviations = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
     posterior = ParameterPosterior.from_information(
         state.materials, space.to_unit(parameters), information, space.bounds
     )
     kept = _kept_intervals(state)
-    intervals = np.full((held.size, 2), np.nan)
+    intervals = np.full((widths.size, 2), np.nan)
     if published is not None and kept.any():
         values = np.where(
             kept, parameter_vector(published.parameters), parameter_vector(parameters)
@@ -120,6 +123,18 @@ def _differs(state: OnlineState, before: GaussianPrior) -> NDArray[np.bool_]:
     deviations = state.prior.deviations
     moved = _distance(state, before) > SMALLEST_MOVE * deviations
     return moved | (np.abs(deviations / before.deviations - 1.0) > SMALLEST_NARROWING)
+
+
+def _deviations(state: OnlineState) -> NDArray[np.float64]:
+    """Standard deviations (n,), widths, at least those by leaving out each of the window."""
+    variances = jackknife_variances(
+        state.posterior,
+        state.centre,
+        [member.likelihood for member in state.window],
+        np.array([member.weight for member in state.window]),
+    )
+    variances = np.minimum(variances, 1.0 / UNIFORM_PRECISION)
+    return np.maximum(state.prior.deviations, np.sqrt(variances))
 
 
 def _has_near_challenger(state: OnlineState) -> bool:

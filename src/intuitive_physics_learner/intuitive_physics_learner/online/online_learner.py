@@ -50,7 +50,7 @@ FREE_SCANS = (2, 5)
 """Numbers of steps after which a lone fit that knows nothing of θ_s scans each parameter; set by
 hand."""
 
-WINDOW_STEPS = 4
+WINDOW_STEPS = 8
 """Joint steps of all observations of the window after new ones; set by hand."""
 
 REFIT_STEPS = 60

@@ -141,7 +141,7 @@ class LoneFit:
 
     def likelihood(self) -> LocalLikelihood:
         """Return the likelihood of all n parameters near the estimate."""
-        (likelihood,) = self._fit.likelihoods()
+        (likelihood,) = self._fit.likelihoods(look_for_spins=True)
         return replace(likelihood, parameters=self._parameters[likelihood.parameters])
 
     def log_evidence(self, horizon: float, prior: GaussianPrior | None = None) -> float:

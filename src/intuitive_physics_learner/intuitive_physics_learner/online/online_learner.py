@@ -408,7 +408,7 @@ class OnlineLearner:
         self._begin_at_present(fit, problem)
         run(fit, WINDOW_STEPS, seconds_left)
         self.simulations += fit.model.simulations
-        self._take_over(problem, fit)
+        self._take_over(problem, fit, with_spins=False)
 
     def _refit(self, seconds_left: Callable[[], float]) -> None:
         """Fit all observations that are kept as a search does, and begin again from the best fit.
@@ -435,7 +435,8 @@ class OnlineLearner:
         run(staged, REFIT_STEPS, seconds_left)
         fits = [*continued, staged.joint]
         self.simulations += sum(fit.model.simulations for fit in fits)
-        self._take_over(problem, fits[most_evident(problem.task, fits)])
+        best = fits[most_evident(problem.task, fits)]
+        self._take_over(problem, best, with_spins=True)
         self._forget_what_disagrees()
         if len(problem.members) >= FEWEST_COMPARED:
             # It has explained all observations better than what is published.
@@ -502,8 +503,11 @@ class OnlineLearner:
                 state.forget_pair(parameters, ground=False)
         state.add_up()
 
-    def _take_over(self, problem: JointProblem, fit: JointFit) -> None:
-        """Let what a fit has found of its members be what is known of them."""
+    def _take_over(self, problem: JointProblem, fit: JointFit, *, with_spins: bool) -> None:
+        """Let what a fit has found of its members be what is known of them.
+
+        `with_spins`: also what they say of how balls are thrown, which takes as long as four steps.
+        """
         state, parameters, prior = self.state, problem.parameters, problem.prior
         moved = np.zeros(state.unit.size, dtype=bool)
         moved[parameters] = True
@@ -516,12 +520,14 @@ class OnlineLearner:
         for member, observation_fit, likelihood, weight in zip(
             problem.members,
             fit.observation_fits(),
-            fit.likelihoods(look_for_spins=True),
+            fit.likelihoods(look_for_spins=with_spins),
             agreement_weights(fit).tolist(),
             strict=True,
         ):
             member.fit, member.weight = observation_fit, weight
-            member.likelihood = replace(likelihood, parameters=parameters[likelihood.parameters])
+            spins = likelihood.spins if with_spins else member.likelihood.spins
+            own = parameters[likelihood.parameters]
+            member.likelihood = replace(likelihood, parameters=own, spins=spins)
         state.add_up()
 
     def _retire(self) -> None:

@@ -217,8 +217,8 @@ def _comparison_table(comparisons: Sequence[Comparison]) -> Table:
         note=(
             f"Observations come one by one, {SECONDS:g} s of CPU time each; the fit ends by the "
             "library's own limit of evaluations of J. The worst set counts. Near θ_s: the mean J "
-            f"of {DRAWS} that are the same but for {NEARBY:g} of each width, on which the motion of "
-            "a tumbling box depends."
+            f"of {DRAWS} that are the same but for {NEARBY:g} of each width, which decides how a "
+            "tumbling box ends."
         ),
     )
 

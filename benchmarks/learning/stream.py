@@ -36,9 +36,9 @@ START_BAR = 2.0  # s within which it is to be ready, issue 17
 COST_BAR = 1.5  # largest CPU time at the largest number over that at the smallest, issue 17
 BATCH = 1000  # observations that are stored at once
 SEARCHED = 20  # observations that are learned from at once in the beginning
-# Observations that are learned from on-line, one by one, before those that are measured; more
-# than are fitted jointly
-RECENT, QUICK_RECENT = 30, 4
+# Observations that are learned from on-line, one by one, before those that are measured: more
+# than are fitted jointly, and none of those measured is one at which all that is kept is fitted
+RECENT, QUICK_RECENT = 32, 4
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -129,7 +130,7 @@ class ParameterSpace:
         point = finite_array(unit, "point of the unit cube", (self.size,))
         values = self.to_values(point[None])[0]
         m = len(self.materials)
-        rows, columns = np.triu_indices(m)
+        rows, columns = _pairs(m)
         by_pair = values[m:].reshape(pair_count(m), len(PAIR_COEFFICIENTS)).T
         coefficients = np.empty((len(PAIR_COEFFICIENTS), m, m))
         coefficients[:, rows, columns] = by_pair
@@ -241,8 +242,15 @@ class ParameterSpace:
 
 def parameter_vector(parameters: StaticParameters) -> NDArray[np.float64]:
     """θ_s as one array, shape (|θ_s|,), in the order of `parameter_names`, in SI units."""
-    rows, columns = np.triu_indices(len(parameters.materials))
+    rows, columns = _pairs(len(parameters.materials))
     return np.concatenate([parameters.density, parameters.coefficients[:, rows, columns].T.ravel()])
+
+
+@cache
+def _pairs(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns (pair_count,) of the pairs of so many materials, in their order."""
+    rows, columns = np.triu_indices(count)
+    return rows, columns
 
 
 def _reordered(parameters: StaticParameters, materials: Sequence[str]) -> StaticParameters:

@@ -47,6 +47,26 @@ class GlideSimulator(Simulator):
         return Rollout(positions, None, status)
 
 
+class FoldedGlideSimulator(GlideSimulator):
+    """Objects glide as fast for one of two restitutions, and bend a little more for the larger.
+
+    A scan meets the true one.
+    """
+
+    wrong, true, bend = 0.7, 0.38, 0.02
+
+    def __init__(self):
+        super().__init__(lambda e: 0.8 + 0.5 * (e - self.wrong) * (e - self.true))
+
+    def _rollout(self, worlds, times, orientations):
+        rollout = super()._rollout(worlds, times, orientations)
+        floors = worlds.plane_materials[worlds.environment_index, 0]
+        sets = worlds.parameter_index[:, None]
+        e = worlds.coefficients[sets, 3, worlds.object_materials, floors[:, None]]
+        rollout.positions[..., 2] += self.bend * e[..., None] * np.asarray(times)[:, None] ** 2
+        return rollout
+
+
 @pytest.fixture
 def path(tmp_path):
     """Path of a database that does not exist yet, nor its folder."""
@@ -76,6 +96,30 @@ FLOOR = Environment([Plane("floor", "floor", [0, 0, 1], 0.0)])
 @pytest.fixture(scope="session")
 def glide():
     return GlideSimulator()
+
+
+@pytest.fixture(scope="session")
+def folded_glide():
+    return FoldedGlideSimulator()
+
+
+@pytest.fixture(scope="session")
+def folded(folded_glide):
+    """Make observations of that glide, with noise and with noisy initial positions."""
+
+    def make(generator):
+        ball = SceneObject("ball", "ball", Sphere(0.05))
+        position, velocity = [0.0, 0.0, 1.0], generator.normal(size=3)
+        covariance = np.diag(np.repeat([1.0, 0.0, 0.0, 0.0], 3)) * 0.002**2
+        state = ObjectState(position, linear_velocity=velocity, covariance=covariance)
+        times = 0.04 * np.arange(1, 13)
+        true = StaticParameters.uniform(("ball", "floor"), restitution=folded_glide.true)
+        scene = Scene(FLOOR, (ball,), (state,))
+        (positions,) = folded_glide.rollout([scene], true, times).positions[0]
+        track = Trajectory(times, positions + generator.normal(0.0, 0.002, positions.shape))
+        return Observation(FLOOR, (ObservedObject(ball, track, state),), 0.0)
+
+    return make
 
 
 @pytest.fixture(scope="session")

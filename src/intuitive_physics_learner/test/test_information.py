@@ -9,7 +9,6 @@ from hypothesis.extra.numpy import arrays
 from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
 from intuitive_physics_learner.online.information import (
     Information,
-    agreement_weights,
     decode_array,
     encode_array,
     jackknife_variances,
@@ -72,26 +71,6 @@ def test_forgetting_parameters_leaves_the_marginal_of_the_others():
     assert left == pytest.approx(mean[[0, 2]])
     assert not information.matrix[[1, 3]].any()
     assert not information.vector[[1, 3]].any()
-
-
-def test_contradicting_observation_has_less_weight():
-    generator = np.random.default_rng(2)
-    best = np.array([0.5, 0.5])
-    likelihoods = [likelihood(generator, [0, 1], best) for _ in range(8)]
-    likelihoods.append(likelihood(generator, [0, 1], best + 0.4))
-    information = Information.none(2)
-    for each in likelihoods:
-        information.add(each)
-    weights = agreement_weights(information, best, likelihoods, np.ones(9), 4.0)
-    assert weights[-1] < 0.2
-    assert weights[:-1].min() > 2.0 * weights[-1]
-    # Those that agree with all others count fully.
-    alike = Information.none(2)
-    for each in likelihoods[:-1]:
-        alike.add(each)
-    assert agreement_weights(alike, best, likelihoods[:-1], np.ones(8), 4.0) == pytest.approx(
-        np.ones(8)
-    )
 
 
 def test_jackknife_variance_of_a_mean():

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import LearningOptions
 from intuitive_physics_learner.given_parameters import FIXED, PRIOR, given_parameters
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
+from intuitive_physics_learner.online import fits, online_learner
+from intuitive_physics_learner.online.information import Information
 from intuitive_physics_learner.online.online_learner import OnlineLearner
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
@@ -109,16 +112,23 @@ def test_a_disturbed_throw_is_set_aside_and_changes_nothing(event_driven, throws
     assert np.diag(learner.state.posterior.matrix) == pytest.approx(np.diag(information), rel=0.5)
 
 
-def test_learner_resumes_exactly(event_driven, throws):
-    observed = noisy_throws(throws, 9, 1)
+@pytest.mark.parametrize("recalls", [False, True])
+def test_learner_resumes_exactly(event_driven, throws, recalls):
+    # Some have left the window when all are fitted again.
+    observed = {observation.id: observation for observation in noisy_throws(throws, 12, 1)}
+    recall = (lambda ids: [observed[name] for name in ids]) if recalls else None
     whole = OnlineLearner(event_driven, OPTIONS)
-    parts = OnlineLearner(event_driven, OPTIONS)
-    for observation in observed:
+    parts = OnlineLearner(event_driven, OPTIONS, recall=recall)
+    for observation in observed.values():
         whole.learn_from(observation)
         state = OnlineState.from_json(parts.state.to_json())
-        parts = OnlineLearner(event_driven, OPTIONS, state, parts.kept_observations)
+        parts = OnlineLearner(event_driven, OPTIONS, state, parts.kept_observations, recall)
         parts.learn_from(observation)
     assert parts.state.to_json() == whole.state.to_json()
+    assert whole.state.next_refit >= 16
+    past = len(whole.state.past)
+    assert past > 0
+    assert len(whole.kept_observations) - len(parts.kept_observations) == past * recalls
 
 
 def test_the_same_observation_counts_once(event_driven, throws):
@@ -156,6 +166,18 @@ def test_what_has_moved_far_is_published_after_it_has_won(event_driven, throws, 
     assert (state.compared, state.score) == (0, 0.0)
 
 
+def test_no_single_observation_decides_between_fits(monkeypatch):
+    # The second one explains three of four a little worse and the last one, which took another
+    # turn, by thousands better; then that one as well as it should.
+    evidences = [np.array([-1.0, -1.0, -1.0, -5000.0]), np.full(4, -2.5)]
+    monkeypatch.setattr(fits, "log_evidences", lambda task, fit, horizons: (evidences[fit.k], 0.0))
+    horizons = [SimpleNamespace(horizon=1.0)] * 4
+    both = [SimpleNamespace(k=k, observation_fits=lambda: horizons) for k in range(2)]
+    assert fits.most_evident(None, both) == 0
+    evidences[1][:3] = -1.5
+    assert fits.most_evident(None, both) == 1
+
+
 def test_forgets_with_the_time_constant(event_driven, throws):
     learner = OnlineLearner(event_driven, OnlineOptions(window=6, time_constant=10.0))
     (first,) = noisy_throws(throws, 1, 3)
@@ -189,7 +211,7 @@ def test_what_is_published_forgets_with_the_time_constant(glide, gliding):
     ]
     assert published[7] == pytest.approx(0.8, abs=0.02)
     assert published[12:] == pytest.approx(4 * [0.6], abs=0.02)
-    assert len(learner.state.window) == 1
+    assert len(learner.state.kept) == len(learner.kept_observations) == 1
 
 
 def test_a_floor_that_was_waxed_is_noticed(event_driven, gliding, glide):
@@ -204,6 +226,9 @@ def test_a_floor_that_was_waxed_is_noticed(event_driven, gliding, glide):
     assert before in (9, 10)
     assert OnlineState.from_json(learner.state.to_json()).changes == learner.state.changes
     assert estimates[-1] == pytest.approx(0.7, abs=0.01)
+    # Later refits are to what came after the change alone.
+    assert learner.state.next_refit == 16
+    assert min(member.number for member in learner.state.kept) > before
 
 
 @pytest.fixture(scope="session")
@@ -222,6 +247,62 @@ def gliding(glides):
         )
 
     return make
+
+
+def test_a_wrong_optimum_is_left_when_there_is_more_evidence(folded_glide, folded, monkeypatch):
+    generator = np.random.default_rng(0)
+    observations = [folded(generator) for _ in range(20)]
+    defaults = LearnedParameters.defaults(("ball", "floor"))
+    start = replace_value(defaults, folded_glide.wrong, np.nan)
+
+    def estimates():
+        learner = OnlineLearner(folded_glide, OPTIONS)
+        learner.adopt(start, informed=False)
+        return [restitution(learner.learn_from(each)) for each in observations]
+
+    values = estimates()
+    assert values[4][0] == pytest.approx(folded_glide.wrong, abs=0.02)
+    value, deviation = values[-1]
+    assert abs(value - folded_glide.true) < 4.0 * deviation < 0.02
+    # Linear as they are, earlier observations hold the wrong one for ever.
+    monkeypatch.setattr(OnlineState, "refit_is_due", False)
+    assert estimates()[-1][0] == pytest.approx(folded_glide.wrong, abs=0.02)
+
+
+def test_a_refit_is_bounded(glide, gliding, monkeypatch):
+    monkeypatch.setattr(online_learner, "MOST_KEPT", 8)
+    generator, counts = np.random.default_rng(18), []
+    learner = OnlineLearner(glide, OPTIONS)
+    for _ in range(32):
+        before = learner.simulations
+        learner.learn_from(gliding(generator, 0.8))
+        counts.append(learner.simulations - before)
+        assert len(learner.kept_observations) <= 8
+    assert learner.state.next_refit == 64
+    assert counts[31] < 1.5 * counts[15]
+    # Each start takes one step where the time is over.
+    learner = OnlineLearner(glide, OPTIONS)
+    learner.learn_from_all([gliding(generator, 0.8) for _ in range(8)], lambda: 0.0)
+    hurried = learner.simulations
+    learner = OnlineLearner(glide, OPTIONS)
+    learner.learn_from_all([gliding(generator, 0.8) for _ in range(8)])
+    assert hurried < learner.simulations
+
+
+@pytest.mark.parametrize("away", [0.0, 0.3])
+def test_what_is_gone_counts_while_it_agrees_with_a_refit(glide, gliding, away):
+    generator = np.random.default_rng(19)
+    learner = OnlineLearner(glide, OPTIONS)
+    learner.learn_from_all([gliding(generator, 0.8) for _ in range(7)])
+    state = learner.state
+    place = parameter_names(state.materials).index("restitution[ball, floor]")
+    mean, matrix = state.unit.copy(), np.zeros_like(state.posterior.matrix)
+    mean[place] -= away
+    matrix[place, place] = state.posterior.matrix[place, place]
+    state.retired.join(Information.about(mean, matrix))
+    learner.learn_from(gliding(generator, 0.8))
+    assert restitution(state.published)[0] == pytest.approx(0.8, abs=0.01)
+    assert bool(state.retired.matrix[place, place]) == (away == 0.0)
 
 
 @pytest.mark.parametrize("text", ["", "{}", '{"format": "other"}', "[1]", '{"format": 3}'])
@@ -435,6 +516,20 @@ def test_excluded_observation_returns_when_included(store, glide, gliding):
     store.include([first])
     learning = learn_all(store, glide)
     assert first in [member.id for member in learning.learner.state.window]
+
+
+def test_excluded_observation_takes_part_in_no_refit(store, glide, gliding):
+    generator = np.random.default_rng(20)
+    store.add_all([gliding(generator, 0.8) for _ in range(10)])
+    state = learn_all(store, glide).learner.state
+    gone = state.past[0].id
+    assert len(state.kept) == 10
+    store.exclude([gone])
+    store.add_all([gliding(generator, 0.8) for _ in range(6)])
+    learning = learn_all(store, glide)
+    assert learning.learner.state.next_refit == 32
+    assert gone not in [member.id for member in learning.learner.state.kept]
+    assert len(learning.learner.state.kept) == 15
 
 
 def test_a_state_that_cannot_be_read_only_takes_time(store, glide, gliding):

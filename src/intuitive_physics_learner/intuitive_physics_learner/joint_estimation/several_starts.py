@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, JointFit
@@ -51,20 +51,29 @@ def drawn_starts(
     return np.clip(prior.mean + narrowing * (uniform - prior.mean), 0.0, 1.0)
 
 
+def durations(fit: JointFit) -> NDArray[np.float64]:
+    """Time (n_observations,) in s of the last point of each observation."""
+    ends = np.empty(len(fit.model.cost.observations))
+    for block in fit.model.blocks:
+        ends[block.members] = block.durations
+    return ends
+
+
 def log_evidences(
-    task: FitTask, solution: JointFit, horizons: Sequence[float], steps: int = SCORING_STEPS
+    task: FitTask, solution: JointFit, horizons: ArrayLike, steps: int = SCORING_STEPS
 ) -> tuple[NDArray[np.float64], float]:
     """Return ln ∫ p(points up to horizons | θ_s) p(θ_s) dθ_s by Laplace's approximation, in parts.
 
-    `horizons` in s, the last time of each observation that counts; evidences up to different ones
-    do not compare; `steps` : joint steps up to there that come first. Returns those of each
+    `horizons` (n_observations,) s, the last time of each that counts; evidences up to different
+    ones do not compare; `steps` : joint steps up to there that come first. Returns those of each
     observation (n_observations,), near the estimate and by the task's weights; and that of θ_s: its
     prior there, and how much the observations narrow it.
     """
     prior = task.prior
     fit = JointFit(task, JointEstimationSettings().with_fixed_horizons())
-    fits = zip(solution.observation_fits(), horizons, strict=True)
-    begun = [replace(each, horizon=horizon) for each, horizon in fits]
+    ends = np.minimum(horizons, durations(fit)).tolist()
+    fits = zip(solution.observation_fits(), ends, strict=True)
+    begun = [replace(each, horizon=end) for each, end in fits]
     fit.begin_at(solution.unit, prior.deviations if steps else solution.deviations, begun)
     for _ in range(steps):
         fit.step()
@@ -93,12 +102,6 @@ def compared_evidences(
     of_points = np.array([points for points, _ in parts])
     votes = np.maximum(of_points, of_points.max(axis=0) - LARGEST_VOTE)
     return np.asarray(votes.sum(axis=1) + np.array([of_parameters for _, of_parameters in parts]))
-
-
-def better_fit(task: FitTask, first: JointFit, second: JointFit) -> JointFit:
-    """Return the fit of the larger evidence, up to the longer horizon of each observation."""
-    here, there = compared_evidences(task, (first, second))
-    return first if here >= there else second
 
 
 class SeveralStarts:

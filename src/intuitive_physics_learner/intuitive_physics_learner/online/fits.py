@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +11,16 @@ from numpy.typing import NDArray
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.cost.cost_function import Cost
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit, ObservationFit
+from intuitive_physics_learner.joint_estimation.joint_fit import (
+    LARGEST_VOTE,
+    JointFit,
+    ObservationFit,
+)
 from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
-from intuitive_physics_learner.joint_estimation.several_starts import better_fit as better_fit
 from intuitive_physics_learner.joint_estimation.several_starts import log_evidences
+from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
+from intuitive_physics_learner.online.online_state import Member
 from intuitive_physics_learner.search.learning_task import FitTask, GaussianPrior
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
@@ -26,6 +31,11 @@ LONE_STEPS = 24
 RETRY_STEPS = 60
 """Joint steps of a second, more careful fit of an observation that cannot be explained; set by
 hand."""
+
+BEYOND = 0.5
+"""Time beyond the fit horizon up to which fits are compared, s; fits to many observations up to the
+end as well: on three chaotic sets these two together chose the better one more often than each
+alone."""
 
 MISFIT_STEPS = 4
 """Number of last steps of a lone fit in which a misfit means that the motion cannot be explained
@@ -96,23 +106,82 @@ class LoneFit:
         (likelihood,) = self._fit.likelihoods(look_for_spins=True)
         return replace(likelihood, parameters=self._parameters[likelihood.parameters])
 
-    def log_evidence(self, horizon: float) -> float:
+    def log_evidence(self, horizon: float, prior: GaussianPrior | None = None) -> float:
         """Return ln ∫ p(points up to a horizon | θ_s) p(θ_s) dθ_s by Laplace's approximation.
 
         `horizon` in s, the last time that counts; evidences up to different ones do not compare.
+        `prior` of all n parameters; None: that of the fit.
         """
-        of_points, of_parameters = log_evidences(self._task, self._fit, [horizon])
+        task = self._task
+        if prior is not None:
+            task = replace(task, prior=prior.marginal(self._parameters))
+        of_points, of_parameters = log_evidences(task, self._fit, [horizon])
         return float(of_points.sum()) + of_parameters
 
 
-def window_fit(task: FitTask, scans: tuple[int, ...]) -> JointFit:
+@dataclass(frozen=True, eq=False)
+class JointProblem:
+    """A fit of some of the observations that are kept.
+
+    Parameters
+    ----------
+    members : the observations
+    parameters : (k,) indices, among all n, of the parameters that any of them depends on
+    prior : of all n parameters, without these observations
+    task : the fit over those parameters
+    """
+
+    members: list[Member]
+    parameters: NDArray[np.int64]
+    prior: GaussianPrior
+    task: FitTask
+
+
+def window_fit(task: FitTask) -> JointFit:
     """Return a fit of several observations that begins at the prior's mean."""
-    return JointFit(
-        task, JointEstimationSettings(largest_advance=LARGEST_ADVANCE, scan_steps=scans)
-    )
+    settings = JointEstimationSettings(largest_advance=LARGEST_ADVANCE, scan_steps=())
+    return JointFit(task, settings)
 
 
-def run(fit: JointFit, steps: int, seconds_left: Callable[[], float] = lambda: np.inf) -> None:
+def agreement_weights(fit: JointFit) -> NDArray[np.float64]:
+    """Weights (n_observations,) of the last step, by how well each agrees with all others."""
+    weights = np.empty(len(fit.model.cost.observations))
+    for block, part in zip(fit.model.blocks, fit.estimate.fits, strict=True):
+        weights[block.members] = part.weights
+    return weights
+
+
+def most_evident(task: FitTask, fits: Sequence[JointFit]) -> int:
+    """Return the index of the fit with the largest evidence; the first of equals.
+
+    Up to the fit horizons of one of two fits that one has the advantage: these are where it
+    explains the motion. So evidence counts up to a little beyond the longest of all, where an error
+    shows first, and up to the end. A single observation counts up to `LARGEST_VOTE` each time:
+    beyond where a fit explains it, it differs by thousands, and that says only that one of the two
+    took a wrong turn.
+    """
+    every = [[each.horizon for each in fit.observation_fits()] for fit in fits]
+    beyond = np.max(every, axis=0) + BEYOND
+    evidences = [
+        [log_evidences(task, fit, horizons) for horizons in (beyond, np.full(beyond.size, np.inf))]
+        for fit in fits
+    ]
+    best = 0
+    for k in range(1, len(fits)):
+        gain = 0.0
+        for (points, parameters), (before, parameters_before) in zip(
+            evidences[k], evidences[best], strict=True
+        ):
+            votes = np.clip(points - before, -LARGEST_VOTE, LARGEST_VOTE)
+            gain += float(votes.sum()) + parameters - parameters_before
+        if gain > 0.0:
+            best = k
+    return best
+
+
+def run(
+    fit: JointFit | StagedFit, steps: int, seconds_left: Callable[[], float] = lambda: np.inf
+) -> None:
     """Take steps, at least one, until the fit has settled or the time is over."""
     for _ in range(steps):
         if fit.settled or (fit.steps and seconds_left() <= 0.0):

@@ -169,66 +169,17 @@ def jackknife_variances(
     covariance = np.asarray(np.linalg.inv(prior.precision), dtype=np.float64)
     squares, counts = np.zeros(centre.size), np.zeros(centre.size)
     for likelihood, weight in zip(likelihoods, weights, strict=True):
-        mean, _ = _without(prior, covariance, likelihood, weight)
-        squares[likelihood.parameters] += (mean - prior.mean[likelihood.parameters]) ** 2
-        counts[likelihood.parameters] += 1.0
+        parameters = likelihood.parameters
+        precision = np.linalg.inv(covariance[np.ix_(parameters, parameters)])
+        pulls = precision @ prior.mean[parameters]
+        pulls -= weight * (likelihood.information @ likelihood.estimate - likelihood.scores)
+        rest = precision - weight * likelihood.information
+        values, vectors = np.linalg.eigh(0.5 * (rest + rest.T))
+        # The bounds are always known.
+        mean = (vectors / np.maximum(values, UNIFORM_PRECISION)) @ (vectors.T @ pulls)
+        squares[parameters] += (mean - prior.mean[parameters]) ** 2
+        counts[parameters] += 1.0
     return squares * np.maximum(counts - 1.0, 0.0) / np.maximum(counts, 1.0)
-
-
-def _without(
-    prior: GaussianPrior,
-    covariance: NDArray[np.float64],
-    likelihood: LocalLikelihood,
-    weight: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean (q,) and covariance (q, q) of an observation's parameters without its likelihood.
-
-    `covariance` (n, n) of that, widths².
-    """
-    parameters = likelihood.parameters
-    precision = np.linalg.inv(covariance[np.ix_(parameters, parameters)])
-    rest = precision - weight * likelihood.information
-    pulls = precision @ prior.mean[parameters]
-    pulls -= weight * (likelihood.information @ likelihood.estimate - likelihood.scores)
-    values, vectors = np.linalg.eigh(0.5 * (rest + rest.T))
-    # The bounds are always known.
-    without = (vectors / np.maximum(values, UNIFORM_PRECISION)) @ vectors.T
-    return without @ pulls, without
-
-
-def agreement_weights(
-    total: Information,
-    centre: NDArray[np.float64],
-    likelihoods: Sequence[LocalLikelihood],
-    weights: NDArray[np.float64],
-    freedom: float,
-) -> NDArray[np.float64]:
-    """Weights (n_observations,) by which observations that contradict all others count less.
-
-    Without an observation θ_s is known as a Gaussian about m with the covariance P. Its scores at m
-    have the covariance S = Λ P Λ + Λ if its linearisation is right. Where it is not, as in a fit
-    that ended in a local optimum, d² = gᵀ S⁻¹ g exceeds the number q of its parameters. The weight
-    is that of Student's distribution with ν degrees of freedom, at most 1:
-
-        w = min(1, (ν + q) / (ν + d²)).
-
-    `centre` (n,) mean where nothing is known; `weights` (n_observations,) with which `total` has
-    them.
-    """
-    prior = total.prior(centre)
-    covariance = np.asarray(np.linalg.inv(prior.precision), dtype=np.float64)
-    factors = []
-    for likelihood, weight in zip(likelihoods, weights, strict=True):
-        information = likelihood.information
-        mean, without = _without(prior, covariance, likelihood, weight)
-        scores = likelihood.scores + information @ (mean - likelihood.estimate)
-        spread = information @ without @ information + information
-        values, vectors = np.linalg.eigh(0.5 * (spread + spread.T))
-        informed = values > UNIFORM_PRECISION
-        along = vectors[:, informed].T @ scores
-        distance = float((along**2 / values[informed]).sum())
-        factors.append((freedom + informed.sum()) / (freedom + distance))
-    return np.minimum(factors, 1.0)
 
 
 def encode_array(array: NDArray[np.float64]) -> dict[str, Any]:

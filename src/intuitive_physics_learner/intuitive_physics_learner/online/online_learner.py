@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,16 +19,24 @@ from intuitive_physics_learner.cost.parameter_influence import parameter_influen
 from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import SpinEvidence
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, JointFit
 from intuitive_physics_learner.joint_estimation.point_noise import detected
-from intuitive_physics_learner.online.change_point import find_change
-from intuitive_physics_learner.online.fits import LoneFit, better_fit, run, window_fit
-from intuitive_physics_learner.online.information import (
-    Information,
+from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.several_starts import STARTS, drawn_starts
+from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
+from intuitive_physics_learner.online.change_point import change_probability, find_change
+from intuitive_physics_learner.online.fits import (
+    BEYOND,
+    JointProblem,
+    LoneFit,
     agreement_weights,
-    gaussian_mean,
+    most_evident,
+    run,
+    window_fit,
 )
-from intuitive_physics_learner.online.online_state import Member, OnlineState
+from intuitive_physics_learner.online.information import Information, gaussian_mean
+from intuitive_physics_learner.online.online_state import MEMBERS, Member, OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.publication import (
+    FEWEST_COMPARED,
     has_moved_far,
     has_won,
     is_new,
@@ -46,15 +54,16 @@ hand."""
 WINDOW_STEPS = 8
 """Joint steps of all observations of the window after new ones; set by hand."""
 
-RESTART_STEPS = 60
-"""Joint steps of a fit of the window from its beginning, which is tried now and then; set by
-hand."""
+REFIT_STEPS = 60
+"""Joint steps of a fit to all observations that are kept from what was known before them; 16 boxes
+take 21 to 55."""
 
-RESTART_SCANS = (2, 5, 9, 14)
-"""Numbers of steps after which such a fit scans each parameter; set by hand."""
+CONTINUED_STEPS = 20
+"""Joint steps of one that begins at an estimate; set by hand."""
 
-SCAN_PERIOD = 8
-"""Observations from one scan of all parameters to the next once the window is full; set by hand."""
+MOST_KEPT = 100
+"""Largest number of observations that are kept to be fitted again, if the window is not larger: the
+newest, for what they say of the world of now."""
 
 CONFLICT = 7.0
 """Logarithm of the ratio of evidences, of what is not bound by what is known to what is, from which
@@ -65,13 +74,9 @@ SMALLEST_EXPLAINED = 0.6
 doubtful; where motion is too chaotic for that, most such observations are good ones; of clean
 throws of tumbling bodies 0.6 to 0.7 can be, of balls 0.9."""
 
-FREEDOM = 4.0
-"""Degrees of freedom of Student's distribution by which observations that contradict all others
-count less; set by hand."""
-
 MEMORY = 20.0
-"""Observations after which one counts 1/e of what it did in the judgement of the stated uncertainty
-and of the share that can be explained; set by hand."""
+"""Observations after which one counts 1/e of what it did in the share that can be explained; set by
+hand."""
 
 RECENT = 8
 """Number of last observations among which a change may begin."""
@@ -81,10 +86,6 @@ FEWEST_CHANGED = 4
 
 LARGEST_DOUBTFUL_COUNT = 16
 """Largest number of doubtful observations that are kept to be fitted again."""
-
-
-WEIGHING_ROUNDS = 2
-"""Rounds of computing weights: after two they hardly change."""
 
 LARGEST_CHANGE_COUNT = 10
 """Largest number of changes that are kept."""
@@ -99,6 +100,22 @@ LARGEST_EXPONENT = 700.0
 """Largest argument of exp in double precision."""
 
 
+@dataclass(frozen=True, eq=False)
+class Doubt:
+    """Why an observation is set aside.
+
+    Parameters
+    ----------
+    fit : that knows nothing of θ_s
+    assessment : to be noted
+    disturbed : whether nothing explains it, so that it says nothing of any knowledge
+    """
+
+    fit: LoneFit
+    assessment: Assessment
+    disturbed: bool
+
+
 class OnlineLearner:
     """Learns from one observation after the other; what it knows is `state`.
 
@@ -107,7 +124,9 @@ class OnlineLearner:
     simulator : the engine that simulates candidates
     options : how to learn; None for the defaults
     state : of a learner to continue exactly; None to begin with nothing
-    observations : those that the state keeps, in any order (`kept_observations`)
+    observations : `kept_observations` of that learner, in any order
+    recall : returns earlier observations by their ids, those that are still to be learned from;
+        None: what may be needed of them is kept here
 
     Attributes
     ----------
@@ -122,6 +141,7 @@ class OnlineLearner:
         options: OnlineOptions | None = None,
         state: OnlineState | None = None,
         observations: Iterable[Observation] = (),
+        recall: Callable[[Sequence[str]], Iterable[Observation]] | None = None,
     ) -> None:
         self._simulator = simulator
         self._options = options or OnlineOptions()
@@ -130,7 +150,8 @@ class OnlineLearner:
         self.problem = ""
         self._observations = {observation.id: observation for observation in observations}
         self._assessments: list[Assessment] = []
-        for name in ("window", "doubtful"):
+        self._recall = recall
+        for name in ("window", "doubtful") if recall else MEMBERS:
             there = [
                 member for member in getattr(self.state, name) if member.id in self._observations
             ]
@@ -165,15 +186,13 @@ class OnlineLearner:
         self.state.set_aside -= len(self.state.doubtful) - len(doubtful)
         self.state.processed -= len(self.state.doubtful) - len(doubtful)
         self.state.doubtful = doubtful
-        kept = {member.id for member in (*self.state.window, *self.state.doubtful)}
+        kept = {member.id for member in (*self.state.kept, *self.state.doubtful)}
         for observation in observations:
             if observation.id not in kept:
                 self._process(observation)
                 kept.add(observation.id)
         self._retry_doubtful()
-        before = self.state.unit.copy(), self.state.prior.deviations**2
-        self._fit_window(seconds_left)
-        self._note_move(*before)
+        self._fit(seconds_left)
         self._notice_change(seconds_left)
         self._publish()
         self._drop_observations()
@@ -196,15 +215,15 @@ class OnlineLearner:
         information = Information.of(posterior, state.held)
         mean = gaussian_mean(posterior)
         state.centre, state.unit = mean.copy(), mean.copy()
-        state.retired = information if informed else state.given()
-        state.posterior = state.retired.copy()
-        state.window, state.doubtful = [], []
+        state.ground = information if informed else state.given()
+        state.retired, state.posterior = state.ground.copy(), state.ground.copy()
+        state.window, state.past, state.doubtful = [], [], []
+        state.count_from(0)
         state.retired_spins = SpinEvidence.about(
             whole.initial_spins if informed else InitialSpins()
         )
         state.published_information = information.copy()
         state.end_trial()
-        state.moves[:], state.narrowings[:] = 0.0, 0.0
         self._drop_observations()
 
     @property
@@ -237,13 +256,13 @@ class OnlineLearner:
             state.set_aside += 1
             return
         self._observations[observation.id] = observation
-        self._score(cost, influence, fit)
         doubt = self._reason_for_doubt(cost, influence, fit)
+        if doubt is None or not doubt.disturbed:
+            self._score(fit)
         if doubt is None:
             state.window.append(self._member(observation, fit))
         else:
-            free, assessment = doubt
-            self._set_aside(self._member(observation, free), assessment)
+            self._set_aside(self._member(observation, doubt.fit), doubt.assessment)
 
     def _member(self, observation: Observation, fit: LoneFit) -> Member:
         number, stamp = self.state.processed, observation.start_time
@@ -272,7 +291,7 @@ class OnlineLearner:
 
     def _reason_for_doubt(
         self, cost: TrajectoryCost, influence: NDArray[np.bool_], fit: LoneFit
-    ) -> tuple[LoneFit, Assessment] | None:
+    ) -> Doubt | None:
         """Compare with a fit that knows nothing; None when the observation is not doubtful."""
         state = self.state
         share = state.explained / (state.met + FEW)
@@ -292,13 +311,13 @@ class OnlineLearner:
                 f"contradicts what is known of its materials: e^{gain:.0f} times as likely with "
                 "other parameters"
             )
-            return free, Assessment(observation.id, weight, reason, DOUBTFUL)
+            return Doubt(free, Assessment(observation.id, weight, reason, DOUBTFUL), False)
         if free.blocked and share > SMALLEST_EXPLAINED:
             reason = (
                 f"no parameters explain its motion after {horizon:.2f} s, as they do that of "
                 f"{100.0 * share:.0f} % of the last observations"
             )
-            return free, Assessment(observation.id, 1.0 - share, reason, DOUBTFUL)
+            return Doubt(free, Assessment(observation.id, 1.0 - share, reason, DOUBTFUL), True)
         return None
 
     def _set_aside(self, member: Member, assessment: Assessment) -> None:
@@ -331,24 +350,21 @@ class OnlineLearner:
         self.state.set_aside -= 1
         self._assessments.append(Assessment(member.id, 1.0, "agrees with later observations", USED))
 
-    def _score(self, cost: TrajectoryCost, influence: NDArray[np.bool_], fit: LoneFit) -> None:
+    def _score(self, fit: LoneFit) -> None:
         """Add how much better the challenger predicted an observation than what is published.
 
-        `fit` is to what is known now, which the challenger is at first. What neither explains to
-        its end was disturbed, and does not count.
+        `fit` is to what is known now; both predictions begin where it ends.
         """
         state = self.state
         if state.challenger is None:
             return
-        if not state.challenger.equals(state.posterior):
-            fit = self._lone_fit(cost, influence, state.challenger.prior(state.centre))
-        published = state.published_information.prior(state.centre)
-        other = self._lone_fit(cost, influence, published)
-        if fit.blocked and other.blocked:
-            return
-        horizon = max(fit.observation_fit.horizon, other.observation_fit.horizon)
-        gain = fit.log_evidence(horizon) - other.log_evidence(horizon)
-        state.score += float(np.clip(gain, -LARGEST_VOTE, LARGEST_VOTE))
+        horizon = fit.observation_fit.horizon + BEYOND
+        challenger, published = (
+            fit.log_evidence(horizon, information.prior(state.centre))
+            for information in (state.challenger, state.published_information)
+        )
+        gain = np.clip(challenger - published, -LARGEST_VOTE, LARGEST_VOTE)
+        state.score += float(gain)
         state.compared += 1
 
     def _forget_until(self, stamp: float) -> None:
@@ -358,11 +374,11 @@ class OnlineLearner:
         if last is not None and self._options.time_constant > 0.0:
             factor = float(np.exp(-(state.time - last) / self._options.time_constant))
             given = state.given()
-            for information in (state.retired, state.posterior):
+            for information in (state.ground, state.retired, state.posterior):
                 information.discount(factor)
                 information.join(given, 1.0 - factor)
             state.retired_spins.discount(factor)
-            for member in state.window:
+            for member in state.kept:
                 member.weight *= factor
 
     def _age_weight(self, member: Member) -> float:
@@ -371,104 +387,156 @@ class OnlineLearner:
             return 1.0
         return float(np.exp(-(self.state.time - member.stamp) / self._options.time_constant))
 
-    def _age_weights(self) -> NDArray[np.float64]:
-        """Weights of the window's observations by their age, (n_observations,)."""
-        return np.array([self._age_weight(member) for member in self.state.window])
+    def _fit(self, seconds_left: Callable[[], float]) -> None:
+        """Fit the window, or where that is due all observations that are kept."""
+        for member in self.state.kept:
+            if self._age_weight(member) < FORGOTTEN:
+                self._let_go(member)
+        if self.state.refit_is_due:
+            self._refit(seconds_left)
+            self._retire()
+        else:
+            self._retire()
+            self._fit_window(seconds_left)
 
     def _fit_window(self, seconds_left: Callable[[], float]) -> None:
-        """Retire what is too much, fit the rest jointly and take the posterior over."""
+        """Fit the observations of the window jointly and take the posterior over."""
         state = self.state
-        self._retire()
         if not state.window:
             return
-        observations = [self._observations[member.id] for member in state.window]
-        influence = self._influence(observations)
+        problem = self._problem(state.window, self._observations, state.before_window())
+        fit = window_fit(problem.task)
+        self._begin_at_present(fit, problem)
+        run(fit, WINDOW_STEPS, seconds_left)
+        self.simulations += fit.model.simulations
+        self._take_over(problem, fit, with_spins=False)
+
+    def _refit(self, seconds_left: Callable[[], float]) -> None:
+        """Fit all observations that are kept as a search does, and begin again from the best fit.
+
+        The starts are the present estimate, what is published where that is far away, and what was
+        known before all observations.
+        """
+        state = self.state
+        observations = self._recalled()
+        state.next_refit = 2 * (state.used - state.begun)
+        if not state.kept:
+            return
+        problem = self._problem(state.kept, observations, state.ground)
+        settings = JointEstimationSettings(scan_steps=())
+        continued = [JointFit(problem.task, settings)]
+        self._begin_at_present(continued[0], problem)
+        if state.published is not None and has_moved_far(state):
+            continued.append(JointFit(problem.task, settings))
+            published = state.published_information.prior(state.centre)
+            self._begin_at(continued[1], problem, published)
+        for fit in continued:
+            run(fit, CONTINUED_STEPS, seconds_left)
+        prior = problem.task.prior
+        drawn = drawn_starts(prior, STARTS - 1, np.random.default_rng(state.used))
+        staged = StagedFit(problem.task, np.array([prior.mean, *drawn]))
+        run(staged, REFIT_STEPS, seconds_left)
+        staged.choose()
+        fits = [*continued, staged.joint]
+        self.simulations += sum(fit.model.simulations for fit in fits)
+        best = fits[most_evident(problem.task, fits)]
+        self._take_over(problem, best, with_spins=True)
+        self._forget_what_disagrees()
+        if len(problem.members) >= FEWEST_COMPARED:
+            # It has explained all observations better than what is published.
+            state.challenger, state.compared = state.posterior.copy(), len(problem.members)
+            state.score = len(problem.members) * LARGEST_VOTE
+
+    def _recalled(self) -> dict[str, Observation]:
+        """Return all observations that are kept, by id; those that are gone are not kept."""
+        state = self.state
+        missing = [member.id for member in state.past if member.id not in self._observations]
+        recalled = dict(self._observations)
+        if missing and self._recall is not None:
+            recalled.update((observation.id, observation) for observation in self._recall(missing))
+        state.past = [member for member in state.past if member.id in recalled]
+        return recalled
+
+    def _problem(
+        self, members: list[Member], observations: Mapping[str, Observation], known: Information
+    ) -> JointProblem:
+        """Return the fit of some members, to what is known without them."""
+        state = self.state
+        observed = [observations[member.id] for member in members]
+        influence = self._influence(observed)
         active: NDArray[np.bool_] = np.asarray(influence.any(axis=0))
         parameters = np.flatnonzero(active)
-        prior = state.retired.prior(state.centre)
-        points = [detected(each) for each in observations]
+        prior = known.prior(state.centre)
+        points = [detected(each) for each in observed]
         cost = TrajectoryCost(points, self._simulator, state.materials)
         space = ActiveSpace(state.space, active, state.parameters)
-        ages = self._age_weights()
+        ages = np.array([self._age_weight(member) for member in members])
         task = FitTask(cost, space, influence[:, active], prior.marginal(parameters), ages)
-        scans = (2,) if self._scans() else ()
-        deviations = state.prior.deviations[parameters]
-        fit = window_fit(task, scans)
-        fit.begin_at(state.unit[parameters], deviations, [member.fit for member in state.window])
-        run(fit, WINDOW_STEPS, seconds_left)
-        if self._restarts():
-            other = window_fit(task, RESTART_SCANS)
-            run(other, RESTART_STEPS, seconds_left)
-            fit = better_fit(task, fit, other)
-        self._take_over(fit, parameters, prior)
-        self.simulations += fit.model.simulations
+        return JointProblem(members, parameters, prior, task)
 
-    def _restarts(self) -> bool:
-        """Whether a fit from the beginning is tried: at a number of observations that doubles."""
-        count = self.state.processed
-        period = self._options.window
-        return count % period == 0 if count > period else count & (count - 1) == 0
+    def _begin_at_present(self, fit: JointFit, problem: JointProblem) -> None:
+        known = GaussianPrior(self.state.unit, self.state.prior.precision)
+        self._begin_at(fit, problem, known)
 
-    def _note_move(self, unit: NDArray[np.float64], variances: NDArray[np.float64]) -> None:
-        """Compare the move from an estimate (n,) with the variances (n,), widths², it had."""
-        state, kept = self.state, np.exp(-1.0 / MEMORY)
-        after = state.prior.deviations**2
-        move = (state.unit - unit) ** 2 / after
-        narrowing = np.maximum(variances - after, 0.0) / after
-        # The first observations narrow so much that nothing else would count beside them.
-        scale = np.maximum(narrowing, 1.0)
-        state.moves = kept * state.moves + move / scale
-        state.narrowings = kept * state.narrowings + narrowing / scale
+    def _begin_at(self, fit: JointFit, problem: JointProblem, known: GaussianPrior) -> None:
+        """Let a fit begin at what is known, with the initial states that were found last."""
+        unit = np.clip(known.mean, 0.0, 1.0)[problem.parameters]
+        states = [member.fit for member in problem.members]
+        fit.begin_at(unit, known.deviations[problem.parameters], states)
 
-    def _scans(self) -> bool:
-        """Whether this fit scans for other optima: always at first, then periodically."""
-        full = len(self.state.window) >= self._options.window
-        return not full or self.state.processed % SCAN_PERIOD == 0
+    def _forget_what_disagrees(self) -> None:
+        """Keep of observations that are gone only what agrees with those that are kept.
 
-    def _take_over(
-        self, fit: JointFit, parameters: NDArray[np.int64], prior: GaussianPrior
-    ) -> None:
+        What they say was linearised where the estimate was then.
+        """
         state = self.state
+        if state.retired.equals(state.ground):
+            return
+        likelihoods = [
+            replace(
+                member.likelihood,
+                information=member.weight * member.likelihood.information,
+                scores=member.weight * member.likelihood.scores,
+            )
+            for member in state.kept
+        ]
+        for parameters in self._families().values():
+            prior = state.retired.prior(state.centre)
+            probability = change_probability(prior, likelihoods, parameters)
+            if probability < self._options.false_alarm_rate:
+                state.forget_pair(parameters, ground=False)
+        state.add_up()
+
+    def _take_over(self, problem: JointProblem, fit: JointFit, *, with_spins: bool) -> None:
+        """Let what a fit has found of its members be what is known of them.
+
+        `with_spins`: also what they say of how balls are thrown, which takes as long as four steps.
+        """
+        state, parameters, prior = self.state, problem.parameters, problem.prior
         moved = np.zeros(state.unit.size, dtype=bool)
         moved[parameters] = True
-        # Parameters that the window does not depend on follow those that they correlate with.
+        # Parameters that the members do not depend on follow those that they correlate with.
         rest = np.flatnonzero(~moved)
         across = prior.precision[np.ix_(rest, parameters)] @ (fit.unit - prior.mean[parameters])
         gains = np.linalg.solve(prior.precision[np.ix_(rest, rest)], across)
         state.unit[parameters] = fit.unit
         state.unit[rest] = np.clip(prior.mean[rest] - gains, 0.0, 1.0)
-        likelihoods = fit.likelihoods(look_for_spins=True)
-        for member, observation_fit, likelihood in zip(
-            state.window, fit.observation_fits(), likelihoods, strict=True
+        for member, observation_fit, likelihood, weight in zip(
+            problem.members,
+            fit.observation_fits(),
+            fit.likelihoods(look_for_spins=with_spins),
+            agreement_weights(fit).tolist(),
+            strict=True,
         ):
-            member.fit = observation_fit
-            member.likelihood = replace(likelihood, parameters=parameters[likelihood.parameters])
-        self._update_weights()
-
-    def _update_weights(self) -> None:
-        """Find the weights of the window's observations, and all that is known."""
-        state = self.state
-        ages = self._age_weights()
-        likelihoods = [member.likelihood for member in state.window]
-        weights = ages
-        for _ in range(WEIGHING_ROUNDS):
-            state.posterior = state.retired.copy()
-            for likelihood, weight in zip(likelihoods, weights, strict=True):
-                state.posterior.add(likelihood, float(weight))
-            weights = ages * agreement_weights(
-                state.posterior, state.centre, likelihoods, weights, FREEDOM
-            )
-        state.posterior = state.retired.copy()
-        for member, weight in zip(state.window, weights, strict=True):
-            member.weight = float(weight)
-            state.posterior.add(member.likelihood, member.weight)
+            member.fit, member.weight = observation_fit, weight
+            spins = likelihood.spins if with_spins else member.likelihood.spins
+            own = parameters[likelihood.parameters]
+            member.likelihood = replace(likelihood, parameters=own, spins=spins)
+        state.add_up()
 
     def _retire(self) -> None:
-        """Let what is too old leave the window, and what says least where it is too full."""
+        """Let leave a window that is too full what says least, and go what left it first."""
         state = self.state
-        for member in state.window:
-            if self._age_weight(member) < FORGOTTEN:
-                self._retire_member(member)
         while len(state.window) > self._options.window:
             covariance: NDArray[np.float64] = np.asarray(
                 np.linalg.inv(state.prior.precision), dtype=np.float64
@@ -476,7 +544,10 @@ class OnlineLearner:
             newest = state.processed - RECENT
             old = [member for member in state.window if member.number <= newest] or state.window[:1]
             leaving = min(old, key=lambda member: self._worth(member, covariance))
-            self._retire_member(leaving)
+            state.window = [each for each in state.window if each is not leaving]
+            state.past.append(leaving)
+        while len(state.past) > max(MOST_KEPT - self._options.window, 0):
+            self._let_go(min(state.past, key=lambda member: member.number))
 
     def _worth(self, member: Member, covariance: NDArray[np.float64]) -> float:
         """Information of an observation on what is uncertain: tr(P Λ)."""
@@ -484,11 +555,13 @@ class OnlineLearner:
         part = covariance[np.ix_(parameters, parameters)]
         return member.weight * float(np.sum(part * member.likelihood.information))
 
-    def _retire_member(self, member: Member) -> None:
+    def _let_go(self, member: Member) -> None:
+        """Keep of an observation only what it says of the parameters."""
         state = self.state
         state.retired.add(member.likelihood, member.weight)
         state.retired_spins.add_all(member.likelihood.spins, member.weight)
         state.window = [each for each in state.window if each is not member]
+        state.past = [each for each in state.past if each is not member]
 
     def _notice_change(self, seconds_left: Callable[[], float]) -> None:
         """Forget parameters that have changed, and learn them again."""
@@ -511,16 +584,15 @@ class OnlineLearner:
         state.changes.append((change, state.processed - change.length))
         del state.changes[:-LARGEST_CHANGE_COUNT]
         after = kept[-change.length :]
-        for member in [member for member in state.window if member not in after]:
-            self._retire_member(member)
+        for member in [member for member in state.kept if member not in after]:
+            self._let_go(member)
         members = families[change.pair]
-        state.retired.forget(members)
-        state.retired.join(state.given().part(members))
-        state.moves[members], state.narrowings[members] = 0.0, 0.0
+        state.forget_pair(members, ground=True)
         for member in [member for member in state.doubtful if member in after]:
             state.doubtful.remove(member)
             self._take_back(member)
-        self._update_weights()
+        state.count_from(change.length)
+        state.add_up()
         state.unit = np.clip(state.prior.mean, 0.0, 1.0)
         self._fit_window(seconds_left)
         # Observations that agree on a change have compared it with what is published.
@@ -531,7 +603,7 @@ class OnlineLearner:
         """Number of observations that inform some parameters; retired ones are enough."""
         state = self.state
         retired = state.retired.matrix[np.ix_(parameters, parameters)].any()
-        dependent = [member.likelihood.parameters for member in state.window]
+        dependent = [member.likelihood.parameters for member in state.kept]
         count = sum(bool(np.isin(each, parameters).any()) for each in dependent)
         return count + (RECENT if retired else 0)
 
@@ -562,5 +634,7 @@ class OnlineLearner:
         state.end_trial()
 
     def _drop_observations(self) -> None:
-        members = (*self.state.window, *self.state.doubtful)
+        state = self.state
+        past = [] if self._recall else state.past
+        members = (*past, *state.window, *state.doubtful)
         self._observations = {member.id: self._observations[member.id] for member in members}

@@ -27,7 +27,7 @@ from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
-FORMAT = "intuitive_physics/online_state/2"
+FORMAT = "intuitive_physics/online_state/3"
 """Format of the JSON text, which every text names."""
 
 
@@ -63,13 +63,14 @@ class OnlineState:
     materials : known so far, in the order of `parameter_names`
     centre : (n,) mean where nothing is known, on the unit cube
     unit : (n,) the present estimate there
-    retired : what is known from before the window
-    posterior : with the window
+    ground : what was known before all observations that are learned from here, by a user or by a
+        search, on which every fit rests
+    retired : with what is known from observations that are not kept any more
+    posterior : with all that are kept
     window : observations that are fitted jointly
+    past : observations that have left the window, the newest last, whose likelihoods are linear
+        until all that are kept are fitted again
     doubtful : observations that were set aside, the newest last
-    moves : (n,) squares of the estimate's last moves over its variance, summed with forgetting
-    narrowings : (n,) what `moves` is expected to be: by how much the variances have shrunk, over
-        themselves
     published : newest version of θ_s; None before the first
     published_information : what is known according to it, of the n parameters
     challenger : what was known when the estimate had moved away from what is published, which it is
@@ -86,17 +87,20 @@ class OnlineState:
     position : revision of the store up to which observations are known
     adopted : version of θ_s of a search, whose observations are known as well; 0: none
     spare_seconds : CPU time in s that earlier observations have left over
-    retired_spins : what throws from before the window say of how balls are thrown
+    retired_spins : what throws that are not kept any more say of how balls are thrown
+    begun : number of used observations before those that are learned from here: since the state
+        began with what others stored, or since a change
+    next_refit : number of observations since then at which all that are kept are fitted again
     """
 
     materials: tuple[str, ...]
     centre: NDArray[np.float64]
     unit: NDArray[np.float64]
+    ground: Information
     retired: Information
     posterior: Information
-    moves: NDArray[np.float64]
-    narrowings: NDArray[np.float64]
     window: list[Member] = field(default_factory=list)
+    past: list[Member] = field(default_factory=list)
     doubtful: list[Member] = field(default_factory=list)
     published: LearnedParameters | None = None
     published_information: Information = field(default_factory=lambda: Information.none(0))
@@ -113,6 +117,52 @@ class OnlineState:
     adopted: int = 0
     spare_seconds: float = 0.0
     retired_spins: SpinEvidence = field(default_factory=SpinEvidence)
+    begun: int = 0
+    next_refit: int = 1
+
+    @property
+    def used(self) -> int:
+        """Number of observations that were learned from."""
+        return self.processed - self.set_aside
+
+    @property
+    def kept(self) -> list[Member]:
+        """Observations that are learned from and can be fitted, those of the window last."""
+        return [*self.past, *self.window]
+
+    @property
+    def refit_is_due(self) -> bool:
+        """Whether there are so many observations that all that are kept are to be fitted again."""
+        return self.used - self.begun >= self.next_refit
+
+    def count_from(self, count: int) -> None:
+        """Let the last `count` observations be the first, after which the next refit is due."""
+        self.begun, self.next_refit = self.used - count, max(2 * count, 1)
+
+    def before_window(self) -> Information:
+        """Return what is known without the observations of the window."""
+        information = self.retired.copy()
+        for member in self.past:
+            information.add(member.likelihood, member.weight)
+        return information
+
+    def add_up(self) -> None:
+        """Take into the posterior what all observations say."""
+        self.posterior = self.before_window()
+        for member in self.window:
+            self.posterior.add(member.likelihood, member.weight)
+
+    def forget_pair(self, parameters: NDArray[np.int64], *, ground: bool) -> None:
+        """Let what is known of some parameters without the kept observations be forgotten.
+
+        What a user gave stays. `parameters` (k,) their indices; `ground`: whether what was known
+        before all observations is forgotten as well.
+        """
+        if ground:
+            self.ground.forget(parameters)
+            self.ground.join(self.given().part(parameters))
+        self.retired.forget(parameters)
+        self.retired.join(self.ground.part(parameters))
 
     def begin_trial(self) -> None:
         """Let what is known now stand against what is published."""
@@ -125,7 +175,7 @@ class OnlineState:
     def initial_spins(self) -> InitialSpins:
         """Return how balls are thrown, by all throws."""
         evidence = self.retired_spins.copy()
-        for member in self.window:
+        for member in self.kept:
             evidence.add_all(member.likelihood.spins, member.weight)
         return evidence.initial_spins()
 
@@ -179,16 +229,12 @@ class OnlineState:
         centre = space.to_unit(LearnedParameters.defaults(together).parameters)
         unit = centre.copy()
         centre[places], unit[places] = self.centre, self.unit
-        for name in ("moves", "narrowings"):
-            wider = np.zeros(centre.size)
-            wider[places] = getattr(self, name)
-            setattr(self, name, wider)
         self.materials, self.centre, self.unit = together, centre, unit
         for name in _INFORMATION:
             information = getattr(self, name)
             if information is not None:
                 setattr(self, name, information.spread(places, centre.size))
-        for member in (*self.window, *self.doubtful):
+        for member in (*self.kept, *self.doubtful):
             parameters = places[member.likelihood.parameters]
             member.likelihood = replace(member.likelihood, parameters=parameters)
         if self.published is not None:
@@ -198,8 +244,8 @@ class OnlineState:
     def empty() -> OnlineState:
         """Before any observation."""
         nothing = np.zeros(0)
-        nothings = Information.none(0), Information.none(0)
-        return OnlineState((), nothing, nothing.copy(), *nothings, nothing.copy(), nothing.copy())
+        nothings = Information.none(0), Information.none(0), Information.none(0)
+        return OnlineState((), nothing, nothing.copy(), *nothings)
 
     def to_json(self) -> str:
         """Return it as JSON text, every number to its last digit."""
@@ -208,10 +254,7 @@ class OnlineState:
             **{name: getattr(self, name) for name in _PLAIN},
             **{name: encode_array(getattr(self, name)) for name in _ARRAYS},
             **{name: _information_data(getattr(self, name)) for name in _INFORMATION},
-            **{
-                name: [_member_data(member) for member in getattr(self, name)]
-                for name in ("window", "doubtful")
-            },
+            **{name: [_member_data(member) for member in getattr(self, name)] for name in MEMBERS},
             "retired_spins": self.retired_spins.to_dict(),
             "changes": [{**asdict(change), "before": before} for change, before in self.changes],
             "published": None if self.published is None else self.published.to_dict(),
@@ -236,10 +279,7 @@ class OnlineState:
                     "materials": tuple(data["materials"]),
                     **{name: decode_array(data[name]) for name in _ARRAYS},
                     **{name: _read_information(data[name]) for name in _INFORMATION},
-                    **{
-                        name: [_read_member(member) for member in data[name]]
-                        for name in ("window", "doubtful")
-                    },
+                    **{name: [_read_member(member) for member in data[name]] for name in MEMBERS},
                     "changes": [_read_change(change) for change in data["changes"]],
                     "published": published and LearnedParameters.from_dict(published),
                 }
@@ -260,13 +300,18 @@ _PLAIN = (
     "time",
     "position",
     "adopted",
+    "begun",
+    "next_refit",
 )
 """Fields that JSON can express."""
 
-_ARRAYS = ("centre", "unit", "moves", "narrowings")
+_ARRAYS = ("centre", "unit")
 """Fields that are arrays (n,)."""
 
-_INFORMATION = ("retired", "posterior", "published_information", "challenger")
+MEMBERS = ("window", "past", "doubtful")
+"""Fields that are lists of `Member`."""
+
+_INFORMATION = ("ground", "retired", "posterior", "published_information", "challenger")
 """Fields that are an `Information`, the last of which may be None."""
 
 

@@ -68,9 +68,8 @@ def has_won(state: OnlineState) -> bool:
 def next_version(state: OnlineState, cost: float) -> LearnedParameters:
     """Return the estimate as the next version of θ_s; `cost` is its J over the window."""
     space, held, published = state.space, state.held, state.published
-    parameters, factors = state.parameters, _widening(state)
-    widths = np.maximum(factors * state.prior.deviations, _jackknife_deviations(state))
-    information = widened_information(state.posterior.matrix, factors, widths)
+    parameters, widths = state.parameters, _deviations(state)
+    information = widened_information(state.posterior.matrix, np.ones(widths.size), widths)
     identified = held | (widths < LARGEST_DEVIATION)
     slopes = space.slopes(state.unit)
     covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(widths.size))
@@ -126,24 +125,16 @@ def _differs(state: OnlineState, before: GaussianPrior) -> NDArray[np.bool_]:
     return moved | (np.abs(deviations / before.deviations - 1.0) > SMALLEST_NARROWING)
 
 
-def _widening(state: OnlineState) -> NDArray[np.float64]:
-    """Factors (n,) by which the stated standard deviations are too small, at least 1.
-
-    A posterior mean is a martingale: the variance of a move is that by which the posterior
-    narrows. An estimate that moves more than this was less certain than it was stated to be.
-    """
-    return np.sqrt(np.maximum((1.0 + state.moves) / (1.0 + state.narrowings), 1.0))
-
-
-def _jackknife_deviations(state: OnlineState) -> NDArray[np.float64]:
-    """Standard deviations (n,), widths, by leaving out each observation of the window."""
+def _deviations(state: OnlineState) -> NDArray[np.float64]:
+    """Standard deviations (n,), widths, at least those by leaving out each of the window."""
     variances = jackknife_variances(
         state.posterior,
         state.centre,
         [member.likelihood for member in state.window],
         np.array([member.weight for member in state.window]),
     )
-    return np.sqrt(np.minimum(variances, 1.0 / UNIFORM_PRECISION))
+    variances = np.minimum(variances, 1.0 / UNIFORM_PRECISION)
+    return np.maximum(state.prior.deviations, np.sqrt(variances))
 
 
 def _has_near_challenger(state: OnlineState) -> bool:

@@ -84,6 +84,16 @@ class OnlineRecord:
         parsed = [parsed_observation(text) for (text,) in rows]
         return [observation for observation in parsed if isinstance(observation, Observation)]
 
+    def still_used(self, ids: Sequence[str]) -> set[str]:
+        """Return which of some observations nobody has excluded, deleted or set aside since."""
+        with self._database.reading() as connection:
+            rows = connection.execute(
+                "SELECT id FROM observation_entries WHERE status = ? "
+                "AND id IN (SELECT value FROM json_each(?))",
+                (USED, json.dumps(list(ids))),
+            ).fetchall()
+        return {name for (name,) in rows}
+
     def state(self) -> str | None:
         """Return the state that was saved last; None before the first."""
         with self._database.reading() as connection:

@@ -29,9 +29,9 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner.assessment.motion_laws import (
     Violation,
     flight_violation,
-    impulse_violations,
     jump_violation,
     rest_violation,
+    start_violation,
 )
 from intuitive_physics_learner.assessment.tracks import Track, tracks_of
 from intuitive_physics_learner.joint_estimation.point_noise import (
@@ -192,16 +192,9 @@ def _cut(observed: ObservedObject, until: float, start: float) -> ObservedObject
 
 
 def _violations(tracks: Sequence[Track]) -> list[Violation]:
-    violations = []
-    for track in tracks:
-        each = [
-            jump_violation(track),
-            flight_violation(track),
-            rest_violation(track),
-            *impulse_violations(track),
-        ]
-        violations += [violation for violation in each if violation is not None]
-    return violations
+    laws = (jump_violation, flight_violation, rest_violation, start_violation)
+    violations = [law(track) for track in tracks for law in laws]
+    return [violation for violation in violations if violation is not None]
 
 
 def _least(violations: Sequence[Violation]) -> float:

@@ -41,7 +41,7 @@ class JointSearch(Search):
     Parameters
     ----------
     task : what to learn
-    generator : of the random numbers of the descent of J
+    generator : of the random numbers of the descent of J, or of undisturbed motions at the end
     """
 
     def __init__(self, task: LearningTask, generator: np.random.Generator) -> None:
@@ -50,6 +50,7 @@ class JointSearch(Search):
         self._cost = task.cost
         self._space = fit_task.space
         self._staged = StagedFit(fit_task)
+        self._generator = generator
         self._descent = CostDescent(replace(fit_task, cost=task.cost), generator)
         self._misfits: list[float] = []
         self._lowest = self.fit.unit
@@ -130,7 +131,9 @@ class JointSearch(Search):
 
         None where J itself is lowered or nothing was fitted.
         """
-        return self.fit.lengths_beyond() if self._staged.steps and not self.lowers_cost else None
+        if self.lowers_cost or not self._staged.steps:
+            return None
+        return self.fit.lengths_beyond(self._generator)
 
     def own_state(self) -> dict[str, Any]:
         return {

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
+from intuitive_physics_learner.assessment.reasons import Reason
 from intuitive_physics_learner.assessment.tracks import Track
 
 FLIGHT_POINTS = (7, 12, 24)
@@ -105,7 +106,7 @@ def flight_violation(track: Track) -> Violation | None:
     if not log_ps:
         return None
     return violations_of(
-        np.concatenate(log_ps), np.concatenate(begins), np.concatenate(ends), "not in free flight"
+        np.concatenate(log_ps), np.concatenate(begins), np.concatenate(ends), Reason.NOT_FREE
     )
 
 
@@ -186,7 +187,7 @@ def jump_violation(track: Track) -> Violation | None:
         chi2.logsf(away[near] ** 2, 3),
         track.times[places[near]],
         track.times[places[near] + 1],
-        "mistracked",
+        Reason.MISTRACKED,
     )
 
 
@@ -236,7 +237,7 @@ def start_violation(track: Track) -> Violation | None:
         chi2.logsf(away**2 / variances, 3)[where],
         track.times[places - 1][where],
         track.times[places + after - 1][where],
-        "moved from rest",
+        Reason.MOVED,
     )
 
 
@@ -281,7 +282,7 @@ def rest_violation(track: Track) -> Violation | None:
         (norm.logsf(scores) + np.log(2.0))[where],
         (begins - HOLD_DURATION)[where],
         begins[where],
-        "held",
+        Reason.HELD,
     )
 
 
@@ -294,13 +295,13 @@ class Violation:
     log_p : logarithm of its p value among all places of the track that were tested
     time : s, at which the earliest violation as strong as its p value must be begins at the latest
     clean_until : s, the time up to which nothing is known against the track
-    what : for people, what the object does not do
+    what : which law is violated
     """
 
     log_p: float
     time: float
     clean_until: float
-    what: str
+    what: Reason
 
 
 NOTABLE_LOG_P = -7.0
@@ -309,7 +310,10 @@ where the track as a whole violates the law."""
 
 
 def violations_of(
-    log_ps: NDArray[np.float64], begins: NDArray[np.float64], ends: NDArray[np.float64], what: str
+    log_ps: NDArray[np.float64],
+    begins: NDArray[np.float64],
+    ends: NDArray[np.float64],
+    what: Reason,
 ) -> Violation | None:
     """Put together what a test found at w places; None where there was no place.
 

@@ -50,6 +50,9 @@ REST_POINTS = 24
 START_POINTS = 12
 """Points after these over which its mean position is taken: 0.4 s at 30 Hz."""
 
+START_DURATION = 2.0
+"""Longest time of all these points together, s."""
+
 SLOW_WAY = 0.1
 """Way that what almost rests may go on meanwhile, m: set by hand on the sets of seeds 100 to 121,
 whose good throws go on by 0.12 m at most."""
@@ -229,6 +232,9 @@ def start_violation(track: Track) -> Violation | None:
     positions, noise = _without_outliers(track)[index], track.noise[index]
     where = _steady(positions[:, :before], noise[:, :before])
     where &= track.object_gaps[index].min(axis=1) > SIDE_GAP
+    # What hovers at the top of a bounce does not rest.
+    where &= track.support_gaps[index[:, :before]].max(axis=1) <= SIDE_GAP
+    where &= track.times[index[:, -1]] - track.times[index[:, 0]] <= START_DURATION
     off = positions[:, before:].mean(axis=1) - positions[:, :before].mean(axis=1)
     away = np.maximum(np.linalg.norm(off, axis=1) - SLOW_WAY, 0.0)
     variances = (noise[:, :before] ** 2).mean(axis=1) / before

@@ -145,6 +145,11 @@ class JointFit:
         each = self.model.simulations / max(self.steps, 1)
         return int(3 * (HELD_STEPS + 1) * each)
 
+    @property
+    def beyond_simulations(self) -> int:
+        """Simulations of single observations that `lengths_beyond` takes."""
+        return DRAWS_BEYOND * len(self.model.cost.observations)
+
     def likelihoods(self, *, look_for_spins: bool = False) -> list[LocalLikelihood]:
         """Return the likelihood of θ_s near the estimate, of each observation."""
         likelihoods = local_likelihoods(self.model, self.estimate)

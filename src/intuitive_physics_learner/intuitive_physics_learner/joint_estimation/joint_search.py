@@ -110,9 +110,11 @@ class JointSearch(Search):
     def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
         if self.lowers_cost or self.iterations == 0:
             return super().identifiability_seconds(task, seconds)
-        # The fits to both halves simulate as much as the fit to all.
+        # The fits to both halves simulate as much as the fit to all. What the observations are
+        # compared with afterwards counts too.
         model = self.fit.model
         judged = 2 * model.curvature_simulations + model.move_simulations
+        judged += self.fit.beyond_simulations
         if task.start_was_learned:
             judged += self.fit.held_simulations
         return seconds * (1.0 + judged / max(model.simulations, 1))

@@ -87,6 +87,7 @@ bench-simulation: setup ## Race our simulators against other engines; options="-
 	@.venv/bin/python -m benchmarks.simulation $(options)
 
 bench-learning: setup ## Learners on the paper's synthetic sets beside the oracle; options="--quick"
+	@tools/bench_packages.sh emcee
 	@.venv/bin/python -m benchmarks.learning $(options)
 
 bench-prediction: setup ## Race the predictor node against its clock; options="--quick"

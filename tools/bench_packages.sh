@@ -2,6 +2,7 @@
 # Brings the engines that the benchmarks compare with; nothing else needs them.
 #
 #   tools/bench_packages.sh             ODE, without which it fails, and Rapier
+#   tools/bench_packages.sh emcee       the sampler of bench-learning
 #   tools/bench_packages.sh pooltool    pooltool, 800 MB, in build/benchmarks/pooltool
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -18,11 +19,11 @@ bring_pooltool() {
     "$environment/bin/pip" --disable-pip-version-check install -q pooltool-billiards
 }
 
-bring_rapier() {
-    if .venv/bin/python -c "import rapier3d" 2> /dev/null; then return; fi
-    echo "benchmarks: installing the Python package rapier3d"
+bring_wheel() { # of PyPI; the benchmarks can do without
+    if .venv/bin/python -c "import $1" 2> /dev/null; then return; fi
+    echo "benchmarks: installing the Python package $1"
     .venv/bin/python -m pip --disable-pip-version-check install -q \
-        -c requirements/constraints.txt rapier3d || echo "benchmarks: goes on without Rapier"
+        -c requirements/constraints.txt "$1" || echo "benchmarks: goes on without $1"
 }
 
 bring_ode() {
@@ -32,10 +33,11 @@ bring_ode() {
 }
 
 case "${1-}" in
+    emcee) bring_wheel emcee ;;
     pooltool) bring_pooltool ;;
     "")
-        bring_rapier
+        bring_wheel rapier3d
         bring_ode
         ;;
-    *) fail "got '$1'; expected nothing or pooltool" ;;
+    *) fail "got '$1'; expected nothing, emcee or pooltool" ;;
 esac

@@ -48,6 +48,7 @@ ROS_TOOLS = "../shared/ros/install_tools.sh .venv"
 NEEDS = {
     "chromium": Need(lambda: BROWSER is not None, "apt-get install chromium"),
     "clone": Need(_in_a_clone, "git clone"),
+    "emcee": _module("emcee", "tools/bench_packages.sh emcee"),
     "foxglove": _module("foxglove", "pip install foxglove-sdk"),
     "openssl": Need(lambda: shutil.which("openssl") is not None, "apt-get install openssl"),
     "rclpy": _module("rclpy", "make setup"),

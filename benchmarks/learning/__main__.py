@@ -20,6 +20,8 @@ from benchmarks.learning import (
     information,
     mass_ratio,
     online,
+    posterior_ranks,
+    posterior_sampler,
     sets,
     stream,
     suggested,
@@ -35,6 +37,8 @@ PARTS = {
     "disturbed": disturbed.measure,
     "stream": stream.measure,
     "suggested": suggested.measure,
+    "ranks": posterior_ranks.measure,
+    "sampler": posterior_sampler.measure,
     "methods": comparison.measure,
 }
 """In the order in which they are measured and reported."""
@@ -54,6 +58,7 @@ LINE = (
     "drift_observations",
     "stream",
     "suggested_over_random",
+    "rank_chi2",
 )
 """Keys of the last line; null where the part that gives one was not measured."""
 

@@ -16,7 +16,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]  # whose commit is recorded
 # Python libraries whose versions are recorded where they are installed
 LIBRARIES = (
     *("numpy", "scipy", "numba", "dask"),
-    *("pybullet", "mujoco", "rapier3d", "open3d", "pyransac3d"),
+    *("pybullet", "mujoco", "rapier3d", "open3d", "pyransac3d", "emcee"),
 )
 
 

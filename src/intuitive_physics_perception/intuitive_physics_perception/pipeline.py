@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Executor
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
@@ -39,21 +39,40 @@ from intuitive_physics_perception.tracking.episodes import (
 )
 from intuitive_physics_perception.tracking.track import Track
 
+STANDING_TIME = 1.0
+"""Time for which a sensor stays where it is, as far as noise shows, until it stands, s: one that
+drives at 5 cm/s has gone too far for that by then, and a frame is too short to tell."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModelledElsewhere:
+    """An environment that is being modelled from where a sensor stands that has moved.
+
+    Parameters
+    ----------
+    pose : of the sensor there
+    scene : what comes of it; None where nothing shows an environment from there
+    """
+
+    pose: RigidTransform
+    scene: Future[ModelledScene | None]
+
 
 class PerceptionPipeline:
     """Perceives frame after frame of one sensor, which stands still, or whose pose is known.
 
-    The environment stays in the frame in which it was modelled, wherever the sensor looks from.
-    When a sensor that has moved stands still, and nothing that is followed moves, the environment
-    is modelled again from there.
+    The environment stays in the frame in which it was modelled first, wherever the sensor looks
+    from. When a sensor that has moved stands still, and nothing that is followed moves, the
+    environment is modelled again from there, in the same frame; what is followed goes on.
 
     Parameters
     ----------
     settings : of all stages
     rng : source of all random choices
     clock : seconds, by which stages are timed
-    background : in which the environment is revised while frames go on, as a live camera needs;
-        None revises it within a frame, so that results depend on the frames alone
+    background : in which the environment is revised, and modelled again from elsewhere, while
+        frames go on, as a live camera needs; None does it within a frame, so that results depend
+        on the frames alone
     """
 
     def __init__(
@@ -70,8 +89,11 @@ class PerceptionPipeline:
         self._next_track = 1
         self._last_time = -np.inf
         self._first_frames: list[NDArray[np.float32]] = []
+        self._first_pose: RigidTransform | None = None
         self._moved_since_first = False
         self._standing: list[NDArray[np.float32]] = []
+        self._stands_since: tuple[float, RigidTransform] | None = None
+        self._modelling: ModelledElsewhere | None = None
         self._pose: RigidTransform | None = None
         self._modelled_at: RigidTransform | None = None
         self._scene: ModelledScene | None = None
@@ -132,10 +154,12 @@ class PerceptionPipeline:
             self._take_first(points, pose)
             result = self._model(time, self._up_from_here())
         else:
+            self._pose = pose
             self._look_from(scene, pose)
             result = self._perceive(scene, points, time, colors)
-            if self._stands_elsewhere(scene, points, pose):
-                result = self._modelled_here(scene, result)
+            if pose is not None and self._scene is scene:
+                self._model_where_it_stands(scene, points, time, pose)
+                result = self._with_new_model(scene, result, pose)
         return replace(
             result,
             episodes=(*episodes, *result.episodes),
@@ -160,31 +184,27 @@ class PerceptionPipeline:
         timer = StageTimer(self._clock)
         with timer.stage("environment"):
             try:
-                model = model_environment(frames, self.settings, self._rng, up)
+                self._scene = _modelled_scene(
+                    frames,
+                    self.settings,
+                    self._rng,
+                    up,
+                    first_track=self._next_track,
+                    background=self._background,
+                )
             except NoEnvironmentError as error:
                 return self._unused(time, str(error))
             self._modelled_at = self._pose
-            if self.settings.static_boxes:
-                model = with_static_boxes(model, frames, self.settings, self._rng)
-            self._scene = ModelledScene(
-                model,
-                frames,
-                self.settings,
-                self._rng,
-                self._next_track,
-                measured=up is not None,
-                background=self._background,
-            )
         return FrameResult(
-            time, model, is_new_model=True, diagnostics=FrameDiagnostics(seconds=timer.seconds)
+            time, self.model, is_new_model=True, diagnostics=FrameDiagnostics(seconds=timer.seconds)
         )
 
     def _take_first(self, points: NDArray[np.float32], pose: RigidTransform | None) -> None:
         """Collect a frame to model the environment from; whether the sensor moves is seen."""
         if not self._first_frames:
-            self._moved_since_first = False
-        elif pose is not None and self._pose is not None:
-            self._moved_since_first |= not self._noise_hides(self._pose.inverse.after(pose))
+            self._first_pose, self._moved_since_first = pose, False
+        elif pose is not None and self._first_pose is not None:
+            self._moved_since_first |= not self._noise_hides(self._first_pose.inverse.after(pose))
         self._first_frames.append(points)
         self._pose = pose
 
@@ -201,35 +221,52 @@ class PerceptionPipeline:
         if pose is not None and self._modelled_at is not None:
             scene.look_from(self._modelled_at.inverse.after(pose))
 
-    def _stands_elsewhere(
-        self, scene: ModelledScene, points: NDArray[np.float32], pose: RigidTransform | None
-    ) -> bool:
-        """Whether the sensor has moved and stands now, for as long as a model takes, and nothing
+    def _model_where_it_stands(
+        self, scene: ModelledScene, points: NDArray[np.float32], time: float, pose: RigidTransform
+    ) -> None:
+        """Begin to model the environment again where a sensor that has moved stands, if nothing
         moves."""
-        before, self._pose = self._pose, pose
-        if scene.is_at_home or pose is None or before is None:
-            self._standing.clear()
-            return False
-        if not self._noise_hides(before.inverse.after(pose)):
-            self._standing.clear()
+        if scene.is_at_home:
+            self._stands_since = None
+            return
+        since = self._stands_since
+        if since is None or not self._noise_hides(since[1].inverse.after(pose)):
+            self._stands_since, self._standing = (time, pose), []
+            since = self._stands_since
         self._standing.append(points)
         del self._standing[: -self.settings.environment_frames]
-        return len(self._standing) == self.settings.environment_frames and all(
-            track.resting for track in scene.tracker.tracks
-        )
+        enough = len(self._standing) == self.settings.environment_frames
+        if not enough or time - since[0] < STANDING_TIME or self._modelling is not None:
+            return
+        if all(track.resting for track in scene.tracker.tracks):
+            self._modelling = ModelledElsewhere(pose, self._begin_to_model(scene))
+            self._stands_since = None
 
-    def _modelled_here(self, scene: ModelledScene, result: FrameResult) -> FrameResult:
-        """Model the environment again from where the sensor stands now, with the same up."""
-        modelled_at = self._modelled_at
-        episodes = self._forget_environment()
-        self._first_frames, self._standing = self._standing, []
-        self._moved_since_first = False
-        modelled = self._model(result.time, scene.model.rotation[2])
-        if self._scene is None:
-            # Nothing to stand on is seen from here: what was known still is.
-            self._scene, self._modelled_at, self._first_frames = scene, modelled_at, []
-            return replace(result, episodes=(*result.episodes, *episodes))
-        return replace(modelled, episodes=(*result.episodes, *episodes))
+    def _begin_to_model(self, scene: ModelledScene) -> Future[ModelledScene | None]:
+        """Model the environment from where the sensor stands now, in the frame of before."""
+        # A generator of its own: the frames meanwhile draw from the other one.
+        (rng,) = self._rng.spawn(1)
+        frames = [scene.without_followed(points) for points in self._standing]
+        job = frames, self.settings, rng, scene.model, self._background
+        if self._background is not None:
+            return self._background.submit(_modelled_elsewhere, *job)
+        done: Future[ModelledScene | None] = Future()
+        done.set_result(_modelled_elsewhere(*job))
+        return done
+
+    def _with_new_model(
+        self, scene: ModelledScene, result: FrameResult, pose: RigidTransform
+    ) -> FrameResult:
+        """Take a new model once it is there, if the sensor has not left the place."""
+        modelling = self._modelling
+        if modelling is None or not modelling.scene.done():
+            return result
+        self._modelling, modelled = None, modelling.scene.result()
+        if modelled is None or not self._noise_hides(modelling.pose.inverse.after(pose)):
+            return result
+        modelled.go_on_from(scene)
+        self._scene, self._modelled_at = modelled, modelling.pose
+        return replace(result, model=modelled.model, is_new_model=True)
 
     def _perceive(
         self,
@@ -319,7 +356,7 @@ class PerceptionPipeline:
     def _forget_environment(self) -> tuple[Episode, ...]:
         """Let the next frames model the environment; return what was under way."""
         episodes = self._restarted()
-        self._first_frames, self._scene = [], None
+        self._first_frames, self._scene, self._modelling = [], None, None
         return episodes
 
     def _restarted(self) -> tuple[Episode, ...]:
@@ -333,6 +370,54 @@ class PerceptionPipeline:
 
     def _unused(self, time: float, problem: str) -> FrameResult:
         return FrameResult(time, self.model, diagnostics=FrameDiagnostics(problem=problem))
+
+
+def _modelled_scene(
+    frames: Sequence[NDArray[np.float32]],
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+    up: NDArray[np.float64] | None,
+    *,
+    first_track: int = 1,
+    known: EnvironmentModel | None = None,
+    background: Executor | None,
+) -> ModelledScene:
+    """Model the environment of frames (height, width, 3) m, and prepare to perceive in it.
+
+    `up` (3,), where it was measured; `known`: as seen from the same place, whose frame is kept.
+    """
+    model = model_environment(frames, settings, rng, up)
+    if known is not None:
+        model = model.in_frame_of(known)
+    if settings.static_boxes:
+        model = with_static_boxes(model, frames, settings, rng)
+    return ModelledScene(
+        model,
+        frames,
+        settings,
+        rng,
+        first_track,
+        measured=up is not None,
+        background=background,
+    )
+
+
+def _modelled_elsewhere(
+    frames: Sequence[NDArray[np.float32]],
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+    known: EnvironmentModel,
+    background: Executor | None,
+) -> ModelledScene | None:
+    """Model a known environment from elsewhere, with the same up; None where nothing shows it.
+
+    `frames` (height, width, 3) m; `known`: as seen from there.
+    """
+    up = known.rotation[2]
+    try:
+        return _modelled_scene(frames, settings, rng, up, known=known, background=background)
+    except NoEnvironmentError:
+        return None
 
 
 def _has_readings(points: NDArray[np.float32]) -> bool:

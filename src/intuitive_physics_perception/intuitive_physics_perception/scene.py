@@ -74,6 +74,10 @@ that accelerates by 30 m/s² moves it by 16 mm in 1/30 s."""
 CHECKED_POINTS = 1200
 """Points of each frame, evenly over it, that are compared with the planes: bounds the time."""
 
+FOLLOWED_MARGIN = 0.05
+"""Distance from what is followed within which a reading shows no environment, m: the noise and the
+flying pixels at its edge."""
+
 LOOK_EVERY = 0.25
 """Time, s, between two checks for changes: half of the shortest time of a change."""
 
@@ -354,6 +358,23 @@ class ModelledScene:
         if self._view is not None:
             self._view.restart()
 
+    def without_followed(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return a frame (height, width, 3) m with NaN about what is followed: it shows no part of
+        the environment."""
+        cleared = points.copy()
+        for track in self.tracker.tracks:
+            centre = self.model.to_sensor(track.mean[POSITION])
+            shape = track.scene_object(self._settings).shape
+            reach = shape.bounding_radius + FOLLOWED_MARGIN
+            cleared[np.linalg.norm(points - centre, axis=2) < reach] = np.nan
+        return cleared
+
+    def go_on_from(self, other: ModelledScene) -> None:
+        """Take over what is followed in the same environment, modelled in the same frame."""
+        self.tracker, self.episodes = other.tracker, other.episodes
+        self.tracker.take_environment(self.model.environment)
+        self.episodes.take_environment(self.model.environment)
+
     def up_of_flights(self, episodes: Sequence[Episode]) -> NDArray[np.float64] | None:
         """Return the unit vector (3,) against gravity in the sensor's frame, where flights show
         that the modelled one is wrong; else None."""
@@ -456,8 +477,8 @@ def _nearest_ranges(frames: Sequence[NDArray[np.float32]]) -> NDArray[np.float32
     """Nearest range (height, width) m that each pixel read in organised frames, NaN for none."""
     if not is_organised(frames):
         return None
-    ranges = np.fmin.reduce([np.linalg.norm(frame, axis=2) for frame in frames])
-    return np.asarray(ranges, dtype=np.float32)
+    squares = [np.einsum("hwi,hwi->hw", frame, frame) for frame in frames]
+    return np.asarray(np.sqrt(np.fmin.reduce(squares)), dtype=np.float32)
 
 
 def _revised_stages(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import IntuitivePhysicsError
-from intuitive_physics.frames.change_of_frame import RigidTransform
+from intuitive_physics.frames.change_of_frame import RigidTransform, environment_in
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_perception.environment.fusion import MAX_EDGE_POINTS, fuse
 from intuitive_physics_perception.environment.gravity import Upward, facing, upright
@@ -66,7 +66,8 @@ class EnvironmentModel:
     The environment's frame has z against gravity, which is along the normal of the supporting
     plane unless it was measured, its origin where a plumb line from the sensor meets that plane,
     or the sensor where there is none, and x along the horizontal part of the sensor's optical axis
-    (z), or of the sensor's x axis where the optical axis is vertical within 10°.
+    (z), or of the sensor's x axis where the optical axis is vertical within 10°. Modelled again
+    from elsewhere it keeps its frame (`in_frame_of`).
 
     Parameters
     ----------
@@ -132,6 +133,17 @@ class EnvironmentModel:
             detected=detected,
             rotation=self.rotation @ turn,
             translation=self.rotation @ shift + self.translation,
+        )
+
+    def in_frame_of(self, known: EnvironmentModel) -> EnvironmentModel:
+        """Return the same model in the frame of another one that is seen from the same place."""
+        way = known.sensor_pose.after(self.sensor_pose.inverse)
+        frame_id = self.environment.frame_id
+        return replace(
+            self,
+            environment=environment_in(self.environment, frame_id, way),
+            rotation=known.rotation,
+            translation=known.translation,
         )
 
     def seen_environment(self) -> Environment:

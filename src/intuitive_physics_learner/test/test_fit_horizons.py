@@ -221,3 +221,18 @@ def test_joint_fit_reaches_the_end_of_predictable_motion(gliding_task):
     assert fit.unit[3] == pytest.approx(0.6, abs=1e-4)
     (part,) = fit.state()["fits"]
     np.testing.assert_allclose(part["horizons"], 60 * 0.04)
+
+
+def test_draws_begin_with_the_estimate_and_spread_as_they_should(block):
+    fits = TrajectoryFits.initial(block, np.ones(2))
+    d = fits.estimate.shape[1]
+    factor = np.random.default_rng(0).normal(size=(2, d, d))
+    covariances = factor @ factor.transpose(0, 2, 1)
+    # What is known exactly is not drawn.
+    covariances[:, 0], covariances[:, :, 0] = 0.0, 0.0
+    draws = fits.draws(np.random.default_rng(1), covariances, 4000)
+    np.testing.assert_array_equal(draws[0], fits.estimate)
+    for row in range(2):
+        np.testing.assert_allclose(
+            np.cov(draws[1:, row].T), covariances[row], atol=0.1 * covariances.max()
+        )

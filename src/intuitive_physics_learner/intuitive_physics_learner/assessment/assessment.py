@@ -10,9 +10,11 @@ Where the tests find fault with more than half of the observations the noise mod
 than most of them disturbed: all logarithms of p are divided by what makes their median that of a
 uniform p, as in genomic control (Devlin and Roeder 1999).
 
-After a search, where the fit of an observation stops is compared with where those of the others do
-(`reassessed`). The scale is that of the observations themselves: chaos, or a search that was cut
-short, lets all fits stop early and with large misfits, and none of them is at fault.
+After a search, observations are tested where their fits stop: up to there initial states are known
+from the points, and of all motions that go on from them undisturbed one should explain what comes
+next (`JointFit.lengths_beyond`). The scale is that of the observations themselves (`reassessed`):
+where θ_s is wrong, or the motion is more chaotic than so many motions show, no fit goes on, and
+none of the observations is at fault.
 """
 
 from __future__ import annotations
@@ -22,17 +24,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm, t
+from scipy.stats import norm
 
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner.assessment.motion_laws import (
     Violation,
     flight_violation,
-    impulse_violations,
     jump_violation,
     rest_violation,
+    start_violation,
 )
+from intuitive_physics_learner.assessment.reasons import Reason
 from intuitive_physics_learner.assessment.tracks import Track, tracks_of
 from intuitive_physics_learner.joint_estimation.point_noise import (
     MEDIAN_LENGTH_3,
@@ -47,10 +50,6 @@ LEAST_POINTS = 3
 SMALLEST_STOP_SPREAD = 0.2
 """Standard deviation at least of the logarithm of a misfit: the median length of nine normal
 residuals has 0.13, two of three neighbouring medians apart."""
-
-STOP_FREEDOM = 3.0
-"""Degrees of freedom of Student's distribution of these logarithms: of 2 to 4, which found as many
-disturbed throws and 5 to 7 false ones of 320 on the sets of seeds 500 to 509."""
 
 SMALLEST_LOG_P = -25.0
 """Logarithm of a p value at least: no noise model holds further out."""
@@ -117,7 +116,7 @@ def assess_observations(
         notable = [violation for violation in violations if violation.log_p <= limit]
         first = min(notable, key=lambda violation: violation.clean_until)
         began = min(float(each.trajectory.times[0]) for each in observation.objects)
-        reason = f"{worst.what} at t = {worst.time - began:.2f} s"
+        reason = worst.what.at(worst.time - began)
         clean.append(clean_part(observation, first.clean_until))
         assessments.append(Assessment(observation.id, weight, reason, DOUBTFUL))
     return AssessedObservations(tuple(clean), tuple(assessments))
@@ -129,14 +128,14 @@ def reassessed(
     times: NDArray[np.float64],
     trusted: Collection[str] = (),
 ) -> tuple[Assessment, ...]:
-    """Assess also by what the fits of a search left unexplained.
+    """Assess also by what the undisturbed motions that a search found leave unexplained.
 
-    The logarithms of the lengths follow Student's distribution where observations are good, about
-    their median and with the spread from there to their 84 % quantile, which a share of disturbed
-    ones below 16 % does not move.
+    The logarithms of the lengths are normal where observations are good, about their median and
+    with the spread from there to their 84 % quantile, which a share of disturbed ones below 16 %
+    does not move.
 
-    `lengths` (n,) σ, of residuals just beyond where each fit stops; NaN where it does not stop;
-    `times` (n,) s after the start, where these are.
+    `lengths` (n,) σ, of residuals just beyond where each fit stops, of the motion that explains
+    most; NaN where it does not stop; `times` (n,) s after the start, where these are.
     """
     rest = np.flatnonzero([assessment.status == USED for assessment in assessments])
     if rest.size == 0:
@@ -145,7 +144,7 @@ def reassessed(
     middle, upper = np.quantile(sizes, [0.5, norm.cdf(1.0)])
     spread = max(float(upper - middle), SMALLEST_STOP_SPREAD)
     scores = (sizes - middle) / spread
-    weights = good_probabilities(t.logsf(scores, STOP_FREEDOM))
+    weights = good_probabilities(norm.logsf(scores))
     results = list(assessments)
     for member, weight in zip(rest.tolist(), weights.tolist(), strict=True):
         assessment = assessments[member]
@@ -153,7 +152,7 @@ def reassessed(
         if weight >= LEAST_GOOD or assessment.id in trusted:
             results[member] = replace(assessment, weight=weight)
         else:
-            reason = f"its fit fails at t = {times[member]:.2f} s as no other does"
+            reason = Reason.UNEXPLAINED.at(times[member])
             results[member] = Assessment(assessment.id, weight, reason, DOUBTFUL)
     return tuple(results)
 
@@ -192,16 +191,9 @@ def _cut(observed: ObservedObject, until: float, start: float) -> ObservedObject
 
 
 def _violations(tracks: Sequence[Track]) -> list[Violation]:
-    violations = []
-    for track in tracks:
-        each = [
-            jump_violation(track),
-            flight_violation(track),
-            rest_violation(track),
-            *impulse_violations(track),
-        ]
-        violations += [violation for violation in each if violation is not None]
-    return violations
+    laws = (jump_violation, flight_violation, rest_violation, start_violation)
+    violations = [law(track) for track in tracks for law in laws]
+    return [violation for violation in violations if violation is not None]
 
 
 def _least(violations: Sequence[Violation]) -> float:

@@ -116,6 +116,19 @@ class TrajectoryFits:
         fit = (robust_loss(lengths, OUTLIER_LENGTH) * counted).sum(axis=2)
         return fit + 0.5 * ((estimates / block.prior_deviations) ** 2).sum(axis=2)
 
+    def draws(
+        self, generator: np.random.Generator, covariances: NDArray[np.float64], count: int
+    ) -> NDArray[np.float64]:
+        """Draw nuisance parameters (count, W, d), in SI units, the first of them the estimate.
+
+        `covariances` (W, d, d) of the nuisance parameters.
+        """
+        values, vectors = np.linalg.eigh(covariances)
+        factors = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
+        normal = generator.normal(size=(count, *self.estimate.shape))
+        normal[0] = 0.0
+        return np.asarray(self.estimate + np.einsum("wij,cwj->cwi", factors, normal))
+
     def advance(
         self,
         block: ObservationBlock,
@@ -239,15 +252,14 @@ def lengths_beyond(
     block: ObservationBlock,
     residuals: NDArray[np.float64],
     horizons: NDArray[np.float64],
-    largest_advance: float,
+    ends: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return how far observations are from the fit just beyond their horizons.
+    """Return how far observations are from a motion just beyond their horizons.
 
-    `residuals` (W, P, 3) m, of the present estimate; `horizons` (W,) s. Returns `lengths` (W,) σ,
-    the largest median length of neighbouring residuals up to where the next misfit would show; NaN
-    where a horizon includes all points; `times` (W,) s, at which these neighbours begin.
+    `residuals` (W, P, 3) m, of that motion; `horizons` (W,) s; `ends` (W,) s, up to which points
+    count. Returns `lengths` (W,) σ, the largest median length of neighbouring residuals; NaN where
+    a horizon includes all points; `times` (W,) s, at which these neighbours begin.
     """
-    ends = horizons + RETREAT + largest_advance
     beyond = (block.times > horizons[:, None]) & (block.times <= ends[:, None])
     lengths = np.linalg.norm(block.whitened(residuals), axis=2)
     lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)

@@ -42,7 +42,8 @@ class JointSearch(Search):
     Parameters
     ----------
     task : what to learn
-    generator : of the starts of fits, and of the random numbers of the descent of J
+    generator : of the starts of fits, of the random numbers of the descent of J, and of undisturbed
+        motions at the end
     """
 
     def __init__(self, task: LearningTask, generator: np.random.Generator) -> None:
@@ -52,6 +53,7 @@ class JointSearch(Search):
         self._space = fit_task.space
         drawn = drawn_starts(fit_task.prior, STARTS - 1, generator)
         self._staged = StagedFit(fit_task, np.array([fit_task.prior.mean, *drawn]))
+        self._generator = generator
         self._spread = np.zeros(fit_task.prior.mean.size)
         self._evaluations = 0
         self._descent = CostDescent(replace(fit_task, cost=task.cost), generator)
@@ -122,10 +124,12 @@ class JointSearch(Search):
     def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
         if self.lowers_cost or self.iterations == 0:
             return super().identifiability_seconds(task, seconds)
-        # The fits to both halves simulate as much as the fit to all, from one start.
+        # The fits to both halves simulate as much as the fit to all, from one start. What the
+        # observations are compared with afterwards counts too.
         model, estimate = self.fit.model, self.fit.estimate
         judged = self._staged.best_simulations + 2 * model.curvature_simulations(estimate)
         judged += model.move_simulations(estimate) + self._staged.choice_simulations
+        judged += self.fit.beyond_simulations
         if task.start_was_learned:
             judged += self.fit.held_simulations
         simulated = self._staged.simulations + self._evaluations * len(task.influence)
@@ -145,7 +149,9 @@ class JointSearch(Search):
 
         None where J itself is lowered or nothing was fitted.
         """
-        return self.fit.lengths_beyond() if self._staged.steps and not self.lowers_cost else None
+        if self.lowers_cost or not self._staged.steps:
+            return None
+        return self.fit.lengths_beyond(self._generator)
 
     def own_state(self) -> dict[str, Any]:
         return {

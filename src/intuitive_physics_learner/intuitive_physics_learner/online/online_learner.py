@@ -14,6 +14,7 @@ from intuitive_physics.materials import PAIR_COEFFICIENTS, material_pairs
 from intuitive_physics.observation import Observation
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics.simulation import Simulator
+from intuitive_physics_learner.assessment.reasons import Reason
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import SpinEvidence
@@ -307,16 +308,11 @@ class OnlineLearner:
         gain = free.log_evidence(horizon) - fit.log_evidence(horizon)
         if gain > CONFLICT:
             weight = float(np.exp(-min(gain, LARGEST_EXPONENT)))
-            reason = (
-                f"contradicts what is known of its materials: e^{gain:.0f} times as likely with "
-                "other parameters"
-            )
+            odds = f"e^{gain:.0f} times as likely with other parameters"
+            reason = f"{Reason.CONTRADICTORY.value}: {odds}"
             return Doubt(free, Assessment(observation.id, weight, reason, DOUBTFUL), False)
         if free.blocked and share > SMALLEST_EXPLAINED:
-            reason = (
-                f"no parameters explain its motion after {horizon:.2f} s, as they do that of "
-                f"{100.0 * share:.0f} % of the last observations"
-            )
+            reason = Reason.UNEXPLAINED.at(horizon)
             return Doubt(free, Assessment(observation.id, 1.0 - share, reason, DOUBTFUL), True)
         return None
 

@@ -153,7 +153,7 @@ class Search(ABC):
         return seconds * trials / (self.iterations * len(task.influence))
 
     def lengths_beyond(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Return how far each observation is from the fit just beyond where this stops.
+        """Return how far each observation is from undisturbed motions beyond where its fit stops.
 
         Returns `lengths` (n_observations,) σ, of residuals; NaN where a fit does not stop; `times`
         (n_observations,) s after the start, where that is. None where the search fits no

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from benchmarks.command import Outcome
 from benchmarks.learning.__main__ import LINE, PARTS, run
-from benchmarks.learning.camera import TRUE_RANGES, draw_truth
 from benchmarks.learning.attainable import attainable_from, true_fits
 from benchmarks.learning.attainable import figures as attainable_figures
+from benchmarks.learning.camera import TRUE_RANGES, draw_truth
 from benchmarks.learning.disturbances import EARLIEST, LEAST_DEVIATION, Disturber
 from benchmarks.learning.disturbed import SHARE, Counts, DisturbedSet, counted, disturbed_set
 from benchmarks.learning.disturbed import figures as disturbed_figures

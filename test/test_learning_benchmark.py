@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from benchmarks.command import Outcome
 from benchmarks.learning.__main__ import LINE, PARTS, run
+from benchmarks.learning.attainable import attainable_from, true_fits
+from benchmarks.learning.attainable import figures as attainable_figures
 from benchmarks.learning.camera import TRUE_RANGES, draw_truth
 from benchmarks.learning.disturbances import EARLIEST, LEAST_DEVIATION, Disturber
 from benchmarks.learning.disturbed import SHARE, Counts, DisturbedSet, counted, disturbed_set
 from benchmarks.learning.disturbed import figures as disturbed_figures
-from benchmarks.learning.information import bound_of, true_fits
 from benchmarks.learning.online import (
     AFTER,
     BEFORE,
@@ -254,10 +255,14 @@ def test_true_initial_states_are_those_that_estimation_calls_so():
         np.testing.assert_allclose(reached, expected, atol=1e-9)
 
 
-def test_a_fit_that_begins_at_the_truth_is_better_than_the_defaults():
-    bound = bound_of("1x50", 2, make_task(1, 2))
-    assert bound.horizon > 0.5
-    assert bound.first < 1.0
+def test_draws_about_the_truth_are_better_than_the_defaults():
+    one = attainable_from("1x50", 2, make_task(1, 2))
+    assert one.horizon > 0.5
+    # All points tell more than some of them do, here by far more than 50 draws scatter.
+    assert one.all_points < one.up_to_horizons < 1.0
+    figures = attainable_figures([one])
+    assert figures["1x50"]["all_points"] == pytest.approx(one.all_points, abs=1e-4)
+    assert figures["10x50"] is None
 
 
 @given(st.integers(0, 10_000))

@@ -114,7 +114,11 @@ def test_short_search_keeps_a_better_start(event_driven, throws, true_parameters
     errors = [
         abs(each.parameters.pair(*MATERIALS)["restitution"] - truth) for each in (learned, again)
     ]
-    assert errors[1] <= errors[0] + 1e-4
+    # Both are estimates: a part of what is stated as unknown is between them.
+    name = f"restitution[{', '.join(MATERIALS)}]"
+    names = parameter_names(learned.materials)
+    deviation = learned.standard_deviations[names.index(name)]
+    assert errors[1] <= errors[0] + 0.5 * deviation
 
 
 def test_stated_deviations_cover_the_truth(event_driven, throws, true_parameters):

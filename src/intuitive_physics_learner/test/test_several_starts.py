@@ -10,9 +10,11 @@ from hypothesis import strategies as st
 
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings, several_starts
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
+from intuitive_physics_learner.joint_estimation.joint_search import FEWEST_FOR_STARTS, JointSearch
 from intuitive_physics_learner.joint_estimation.several_starts import (
     DROP_STEPS,
     LEFT,
+    STARTS,
     SeveralStarts,
     compared_evidences,
     drawn_starts,
@@ -160,3 +162,12 @@ def test_votes_are_bounded_and_the_difference_of_two_is_clipped(drawn):
     assert np.ptp(compared) <= 3 * LARGEST_VOTE + 1e-6
     expected = np.clip(np.subtract(*drawn[:2]), -LARGEST_VOTE, LARGEST_VOTE).sum()
     assert first[0] - first[1] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("most", "fits"), [(FEWEST_FOR_STARTS - 1, 1), (FEWEST_FOR_STARTS, STARTS), (None, STARTS)]
+)
+def test_a_search_with_few_evaluations_has_one_start(deceptive_task, most, fits):
+    search = JointSearch(deceptive_task, np.random.default_rng(0))
+    search.plan(most)
+    assert len(search._staged._jointly.fits) == fits

@@ -167,6 +167,10 @@ class SeveralStarts:
             self._dropped_simulations += sum(f.model.simulations for f in self.fits[LEFT:])
             self.fits, self.starts = self.fits[:LEFT], self.starts[:LEFT]
 
+    def keep_first(self) -> None:
+        """Drop all fits but the first, before a step is taken."""
+        self.fits, self.starts = self.fits[:1], self.starts[:1]
+
     def choose(self) -> NDArray[np.float64]:
         """Let the fit of the largest evidence be the best, and return how far others are from it.
 

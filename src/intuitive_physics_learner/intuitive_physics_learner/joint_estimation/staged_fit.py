@@ -130,6 +130,10 @@ class StagedFit:
         else:
             self._jointly.step()
 
+    def keep_first_start(self) -> None:
+        """Drop all starts but the first, before a step is taken."""
+        self._jointly.keep_first()
+
     def choose(self) -> NDArray[np.float64]:
         """Let the joint fit be the one of the largest evidence.
 

@@ -106,6 +106,8 @@ class Search(ABC):
         """
         began = saved = time.monotonic()
         reason = self._stop_reason(criteria, 0.0, False, None) if self.iterations else None
+        if not self.iterations:
+            self.plan(criteria.max_iterations)
         while reason is None:
             before = self.iterations
             limit = LARGEST_BATCH
@@ -131,6 +133,12 @@ class Search(ABC):
             reason,
             time.monotonic() - began,
         )
+
+    def plan(self, most_iterations: int | None) -> None:  # noqa: B027
+        """Prepare for so many evaluations of J at most, before the first; None: for any number.
+
+        Most rules have nothing to prepare.
+        """
 
     def identifiability(
         self,

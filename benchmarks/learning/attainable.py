@@ -1,10 +1,10 @@
 """What excess the observations of a set allow: that of draws about the true θ_s.
 
 A learner that begins elsewhere has to find the neighbourhood of the truth among other optima. Here
-θ_s is drawn about the truth with the covariance that the observations have there, once up to the
-fit horizons of the estimator and once with all points. The first is what an estimator with such
-horizons can reach that finds the right optimum; the second is a local bound: it presumes that all
-points can be fitted.
+θ_s is drawn about the truth with the covariance that the observations have there: once from the
+points up to the estimator's fit horizons, once from all points. The first is what the estimator can
+reach if it finds the right optimum. The second is a local bound: it assumes that all points can be
+fitted.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from benchmarks.command import Outcome
-from benchmarks.learning.paper_sets import SIZES, Task, seeded_tasks
+from benchmarks.learning.paper_sets import SIZES, Task, by_size, seeded_tasks
 from benchmarks.learning.scores import excess
 from benchmarks.results.result import Column, Table
 from intuitive_physics.observation import Observation, ObservedObject
@@ -154,11 +154,9 @@ def measure(quick: bool, first_seed: int) -> Outcome:
 def figures(results: Sequence[Attainable]) -> dict[str, dict[str, float] | None]:
     """Return the entry of the last line: medians over the sets of each size, null for none."""
     entry: dict[str, dict[str, float] | None] = dict.fromkeys(SIZES)
-    for name in SIZES:
-        group = [result for result in results if result.size == name]
-        if group:
-            entry[name] = {
-                "up_to_horizons": round(float(np.median([a.up_to_horizons for a in group])), 4),
-                "all_points": round(float(np.median([a.all_points for a in group])), 4),
-            }
+    for name, group in by_size(results).items():
+        entry[name] = {
+            "up_to_horizons": round(float(np.median([a.up_to_horizons for a in group])), 4),
+            "all_points": round(float(np.median([a.all_points for a in group])), 4),
+        }
     return entry

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -144,6 +144,23 @@ def seeded_tasks(quick: bool, first_seed: int) -> Iterator[tuple[str, int, Task]
             report_progress(f"{name}, set {number + 1} of {count}")
             seed = first_seed + number
             yield name, seed, make_task(size.objects, seed)
+
+
+class OfSize(Protocol):
+    """A result of a set of some size."""
+
+    @property
+    def size(self) -> str:
+        """Name of the size, a key of `SIZES`."""
+
+
+Result = TypeVar("Result", bound=OfSize)
+
+
+def by_size(results: Sequence[Result]) -> dict[str, list[Result]]:
+    """Return results by the name of their size, of the sizes that there are."""
+    groups = {name: [result for result in results if result.size == name] for name in SIZES}
+    return {name: group for name, group in groups.items() if group}
 
 
 def side_by_side(calls: Sequence[Callable[[], Item]]) -> list[Item]:

@@ -154,7 +154,7 @@ class Way:
         log_weights: NDArray[np.float64] | None = None,
         **cost: float,
     ) -> Way:
-        """Take the moments of draws (c, n), each by its weight; `cost` is what it took."""
+        """Return the moments of weighted draws (c, n); `cost`: seconds, and independent draws."""
         logs = np.zeros(len(draws)) if log_weights is None else log_weights
         weights = np.exp(logs - logs.max())
         covariance = np.cov(draws.T, aweights=weights)

@@ -16,6 +16,7 @@ from benchmarks.learning.paper_sets import (
     Learned,
     Size,
     Task,
+    by_size,
     learn_by_default,
     make_task,
     seeded_tasks,
@@ -110,11 +111,11 @@ def measure(quick: bool, first_seed: int) -> Outcome:
 def figures(results: Sequence[SetResult]) -> dict[str, Any]:
     """Return the entries of the last line; null for sizes that were not measured."""
     coverages = _coverages(results)
-    by_size = _by_size(results)
-    shares = {name: _coverages(by_size.get(name, ())) for name in SIZES} | {"all": coverages}
+    groups = by_size(results)
+    shares = {name: _coverages(groups.get(name, ())) for name in SIZES} | {"all": coverages}
     return {
         "true_state_excess": {
-            name: _spread(by_size[name]) if name in by_size else None for name in SIZES
+            name: _spread(groups[name]) if name in groups else None for name in SIZES
         },
         "defaults_pass": sum(_passes(result, result.default_excess) for result in results),
         "within_2_sigma": {name: _rounded(share_within(each)) for name, each in shares.items()},
@@ -128,11 +129,6 @@ def _coverages(results: Sequence[SetResult]) -> list[Coverage]:
 
 def _rounded(share: float | None) -> float | None:
     return None if share is None else round(share, 3)
-
-
-def _by_size(results: Sequence[SetResult]) -> dict[str, list[SetResult]]:
-    by_size = {name: [r for r in results if r.size == name] for name in SIZES}
-    return {name: group for name, group in by_size.items() if group}
 
 
 def _passes(result: SetResult, value: float) -> bool:
@@ -191,7 +187,7 @@ def _summary(results: Sequence[SetResult]) -> Table:
 
     return Table.of(
         "Sets that pass: the bar of the excess, and the older one beside it",
-        _by_size(results).values(),
+        by_size(results).values(),
         [
             (Column("set"), lambda g: g[0].size),
             (Column("sets"), len),
@@ -229,7 +225,7 @@ def _coverage_table(results: Sequence[SetResult]) -> Table:
         joined = np.concatenate(values)
         return float(np.mean(joined)) if joined.size else None
 
-    coverages = {name: _coverages(group) for name, group in _by_size(results).items()}
+    coverages = {name: _coverages(group) for name, group in by_size(results).items()}
     return Table.of(
         "Recovered parameters: of those that are identified",
         coverages.items(),
@@ -255,7 +251,7 @@ def _coverage_table(results: Sequence[SetResult]) -> Table:
 
 def _complaints(results: Sequence[SetResult]) -> list[str]:
     complaints = []
-    for name, group in _by_size(results).items():
+    for name, group in by_size(results).items():
         size, spread = SIZES[name], _spread(group)
         if spread["median"] > size.median:
             complaints.append(f"{name}: median excess {spread['median']:.3f}, bar {size.median:g}")

@@ -248,7 +248,7 @@ def parameter_vector(parameters: StaticParameters) -> NDArray[np.float64]:
 
 @cache
 def _pairs(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and columns (pair_count,) of the pairs of so many materials, in their order."""
+    """Rows and columns (pair_count,) of all pairs of `count` materials, in their order."""
     rows, columns = np.triu_indices(count)
     return rows, columns
 

@@ -164,7 +164,7 @@ def test_a_horizon_that_retreats_twice_and_gets_no_farther_stays(block):
         assert retreated[1] < 3.2
         assert not advance(good, 3.2)
     np.testing.assert_array_equal(fits.horizons, [3.2, retreated[1]])
-    # One that gets farther begins to count anew.
+    # Retreats are counted from zero again once a horizon gets farther than before.
     fits.retreats[:] = MOST_RETREATS - 1
     assert advance(good, 3.4)
     np.testing.assert_array_equal(fits.retreats, 0)

@@ -1,4 +1,4 @@
-"""Of several starts the best by evidence is left, and what cannot be told apart widens σ."""
+"""The start with the most evidence is kept; starts that evidence cannot separate widen σ."""
 
 import json
 from types import SimpleNamespace

@@ -13,8 +13,8 @@ uniform p, as in genomic control (Devlin and Roeder 1999).
 After a search, observations are tested where their fits stop: up to there initial states are known
 from the points, and of all motions that go on from them undisturbed one should explain what comes
 next (`JointFit.lengths_beyond`). The scale is that of the observations themselves (`reassessed`):
-where θ_s is wrong, or the motion is more chaotic than so many motions show, no fit goes on, and
-none of the observations is at fault.
+where θ_s is wrong, or the motion is so chaotic that none of the drawn motions explains it, no fit
+goes on, and none of the observations is at fault.
 """
 
 from __future__ import annotations

@@ -58,7 +58,6 @@ class JointSearch(Search):
         drawn = drawn_starts(fit_task.prior, STARTS - 1, generator)
         self._staged = StagedFit(fit_task, np.array([fit_task.prior.mean, *drawn]))
         self._generator = generator
-        self._spread = np.zeros(fit_task.prior.mean.size)
         self._evaluations = 0
         self._descent = CostDescent(replace(fit_task, cost=task.cost), generator)
         self._misfits: list[float] = []
@@ -104,7 +103,7 @@ class JointSearch(Search):
         if self.lowers_cost or not self._staged.steps:
             return
         before = self.fit.unit
-        self._spread = self._staged.choose()
+        self._staged.choose()
         if (self.fit.unit != before).any():
             self._evaluate(0.0)
 
@@ -127,7 +126,7 @@ class JointSearch(Search):
         """From the posterior of the fit; where J was lowered instead, by J."""
         if self.lowers_cost:
             return super().identifiability(task, cancelled=cancelled, seconds_left=seconds_left)
-        return joint_identifiability(self._staged, self._spread, task, seconds_left)
+        return joint_identifiability(self._staged, self._staged.spread, task, seconds_left)
 
     def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
         if self.lowers_cost or self.iterations == 0:

@@ -100,6 +100,11 @@ class StagedFit:
         return self._jointly.starts[0]
 
     @property
+    def spread(self) -> NDArray[np.float64]:
+        """What `choose` returned last, (n,) widths²; zero before."""
+        return self._jointly.spread
+
+    @property
     def simulations(self) -> float:
         """Simulations of single observations so far."""
         return self._jointly.simulations + self._separate_simulations

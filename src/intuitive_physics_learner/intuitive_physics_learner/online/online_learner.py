@@ -410,8 +410,8 @@ class OnlineLearner:
     def _refit(self, seconds_left: Callable[[], float]) -> None:
         """Fit all observations that are kept as a search does, and begin again from the best fit.
 
-        The starts are the present estimate, what is published where that is far away, and what was
-        known before all observations.
+        The starts are the present estimate, what is published where that is far away, what was
+        known before all observations, and points drawn from that.
         """
         state = self.state
         observations = self._recalled()
@@ -434,7 +434,7 @@ class OnlineLearner:
         run(staged, REFIT_STEPS, seconds_left)
         staged.choose()
         fits = [*continued, staged.joint]
-        self.simulations += sum(fit.model.simulations for fit in fits)
+        self.simulations += sum(fit.model.simulations for fit in continued) + staged.simulations
         best = fits[most_evident(problem.task, fits)]
         self._take_over(problem, best, with_spins=True)
         self._forget_what_disagrees()

@@ -132,7 +132,7 @@ class OnlineState:
 
     @property
     def refit_is_due(self) -> bool:
-        """Whether there are so many observations that all that are kept are to be fitted again."""
+        """Whether enough observations have come to fit all kept ones again."""
         return self.used - self.begun >= self.next_refit
 
     def count_from(self, count: int) -> None:

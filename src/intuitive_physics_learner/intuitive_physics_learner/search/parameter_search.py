@@ -69,6 +69,11 @@ class Search(ABC):
         """
 
     @abstractmethod
+    def plan(self, most_iterations: int | None) -> None:
+        """Prepare for at most `most_iterations` evaluations of J, before the first; None: any
+        number."""
+
+    @abstractmethod
     def conclude(self) -> None:
         """Choose the result at the end of `run`, where there is a choice left to make."""
 
@@ -133,12 +138,6 @@ class Search(ABC):
             reason,
             time.monotonic() - began,
         )
-
-    def plan(self, most_iterations: int | None) -> None:  # noqa: B027
-        """Prepare for so many evaluations of J at most, before the first; None: for any number.
-
-        Most rules have nothing to prepare.
-        """
 
     def identifiability(
         self,
@@ -267,6 +266,9 @@ class ParameterSearch(Search):
                 self._best_point = point
             self._record(min(cost, self.best_cost), relative_gain)
         return len(points)
+
+    def plan(self, most_iterations: int | None) -> None:
+        """Nothing: a step takes as many as it is allowed."""
 
     def conclude(self) -> None:
         """Nothing: the point of the lowest J is the result."""

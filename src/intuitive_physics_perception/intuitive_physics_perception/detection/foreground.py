@@ -240,10 +240,10 @@ def _angle_between_pixels(points: NDArray[np.float32]) -> float:
 
 def _bounds_of(
     planes: Sequence[DetectedPlane], settings: PerceptionSettings
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
+) -> tuple[NDArray[Any], ...]:
     """Arrays of planes for `readings_before`: normals, offsets and margins (n, 6), the half-planes
-    of their hulls (m, 4) as `DetectedPlane.hull_cones` has them, and where those of each
-    plane begin (n + 1,)."""
+    of their hulls (m, 4) as `DetectedPlane.hull_cones` has them, where those of each plane begin
+    (n + 1,); cells of openings (k,), coordinates (n, 8) and shapes (n, 3) as in `_openings_of`."""
     cones = [np.zeros((0, 4)), *(plane.hull_cones for plane in planes)]
     starts = np.cumsum([0, *(len(cone) for cone in cones[1:])])
     numbers = [
@@ -253,23 +253,49 @@ def _bounds_of(
         np.array(numbers, dtype=np.float32).reshape(-1, 6),
         np.concatenate(cones).astype(np.float32),
         starts.astype(np.int64),
+        *_openings_of(planes),
     )
+
+
+def _openings_of(
+    planes: Sequence[DetectedPlane],
+) -> tuple[NDArray[np.bool_], NDArray[np.float32], NDArray[np.int64]]:
+    """Open cells of all planes in a row (k,); per plane the axes in cells and the first cell's
+    corner along them (n, 8); and its first cell in the row with the numbers of rows and columns
+    (n, 3), zero without an opening."""
+    cells, grids = [np.zeros(0, dtype=bool)], np.zeros((len(planes), 8))
+    shapes = np.zeros((len(planes), 3), dtype=np.int64)
+    for k, plane in enumerate(planes):
+        if (mask := plane.openings) is not None:
+            axes = mask.axes.T / mask.cell
+            grids[k] = [*axes.ravel(), *(axes @ mask.origin)]
+            shapes[k] = sum(map(len, cells)), *mask.clear.shape
+            cells.append(mask.clear.ravel())
+    return np.concatenate(cells), grids.astype(np.float32), shapes
 
 
 @allocating_entry
 def readings_before(
-    points: Any, planes: Any, cones: Any, starts: Any, limits: Any
+    points: Any,
+    planes: Any,
+    cones: Any,
+    starts: Any,
+    cells: Any,
+    grids: Any,
+    shapes: Any,
+    limits: Any,
 ) -> tuple[Any, int]:
     """Return the indices of readings in range that lie before all planes, as `free_ranges` has it,
     and the number of readings in range.
 
     A reading lies before a plane where its distance exceeds the margin at its own range: the margin
     grows with range, and the distance falls. A ray is in a plane's hull where it is in the
-    half-space of each of its sides.
+    half-space of each of its sides, and on the plane where it meets it in no open cell.
 
     `points` (n, 3) float32 m, may hold NaN; `planes` (m, 6) float32, normal, offset in m, squared
     `plane_sigmas`, squared tolerance in m²; `cones` (k, 4) float32, normals and bounds of
-    half-spaces of unit directions; `starts` (m + 1,) where each plane's cones begin; `limits` (5,)
+    half-spaces of unit directions; `starts` (m + 1,) where each plane's cones begin; `cells` (j,)
+    bool, `grids` (m, 8) float32 and `shapes` (m, 3) as in `_openings_of`; `limits` (5,)
     float32, as in `ForegroundFinder`.
     """
     size = 256
@@ -305,6 +331,7 @@ def readings_before(
                 a, b, c, bound = cones[j, 0], cones[j, 1], cones[j, 2], cones[j, 3]
                 for i in range(n):
                     inside[i] &= x[i] * a + y[i] * b + z[i] * c <= bound
+            _leave_openings(inside, x, y, z, n, planes[k], cells, grids[k], shapes[k])
             for i in range(n):
                 before[i] &= ~inside[i]
         for i in range(n):
@@ -312,6 +339,25 @@ def readings_before(
                 kept[count] = first + i
                 count += 1
     return kept[:count].copy(), readings
+
+
+@kernel
+def _leave_openings(
+    inside: Any, x: Any, y: Any, z: Any, n: int, plane: Any, cells: Any, grid: Any, shape: Any
+) -> None:
+    """Unmark those of n rays along (x, y, z) that meet a plane in an open cell; its openings are as
+    in `_openings_of`."""
+    first, rows, columns = shape
+    if rows == 0:
+        return
+    for i in range(n):
+        if not inside[i]:
+            continue
+        far = plane[3] / (x[i] * plane[0] + y[i] * plane[1] + z[i] * plane[2])
+        row = int(np.floor(far * (x[i] * grid[0] + y[i] * grid[1] + z[i] * grid[2]) - grid[6]))
+        column = int(np.floor(far * (x[i] * grid[3] + y[i] * grid[4] + z[i] * grid[5]) - grid[7]))
+        if 0 <= row < rows and 0 <= column < columns:
+            inside[i] = not cells[first + row * columns + column]
 
 
 def free_ranges(
@@ -334,7 +380,7 @@ def free_ranges(
         cosine = -(unit @ plane.normal.astype(unit.dtype))
         meets = np.flatnonzero(cosine > 1e-6)
         cosine = cosine[meets]
-        inside = plane.in_hull(unit[meets] * (-plane.offset / cosine)[:, None])
+        inside = plane.covers(unit[meets] * (-plane.offset / cosine)[:, None])
         meets, cosine = meets[inside], cosine[inside]
         begins = -plane.offset / cosine
         # A contraction: what the noise lets pass grows far slower with range than the distance.

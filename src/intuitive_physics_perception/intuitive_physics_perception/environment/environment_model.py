@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.frames.change_of_frame import RigidTransform, environment_in
+from intuitive_physics.geometry.polygons import clip_polygon
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_perception.environment.fusion import MAX_EDGE_POINTS, fuse
 from intuitive_physics_perception.environment.gravity import Upward, facing, upright
@@ -125,6 +126,8 @@ class EnvironmentModel:
                 offset=plane.offset - float(plane.normal @ shift),
                 hull=(plane.hull - shift) @ turn,
                 boundary=None if plane.boundary is None else (plane.boundary - shift) @ turn,
+                openings=None if plane.openings is None else plane.openings.seen_from(way),
+                parts=tuple((part - shift) @ turn for part in plane.parts),
             )
             for plane in self.detected
         )
@@ -148,15 +151,38 @@ class EnvironmentModel:
 
     def seen_environment(self) -> Environment:
         """Return the environment with its planes cut to what was seen of them, as to be shown."""
-        planes = [
-            Plane(plane.id, plane.material, plane.normal, plane.offset, hull)
-            for plane, hull in zip(self.environment.planes, self.hulls(), strict=True)
+        hulls = dict(zip(self.plane_ids, self.hulls(), strict=True))
+        seen = [
+            (plane, _within_boundary(hulls[plane.id.partition("/")[0]], plane))
+            for plane in self.environment.planes
         ]
-        return replace(self.environment, planes=tuple(planes))
+        planes = tuple(
+            Plane(plane.id, plane.material, plane.normal, plane.offset, corners)
+            for plane, corners in seen
+            if len(corners) >= 3
+        )
+        return replace(self.environment, planes=planes)
+
+    @property
+    def plane_ids(self) -> list[str]:
+        """Ids of the detected planes: those of their first parts."""
+        return [plane.id for plane in self.environment.planes if "/" not in plane.id]
 
     def hulls(self) -> list[NDArray[np.float64]]:
         """Return the convex hull (n, 3), m, of what was seen of each plane, in its frame."""
         return [self.to_environment(plane.hull) for plane in self.detected]
+
+
+def _within_boundary(hull: NDArray[np.float64], plane: Plane) -> NDArray[np.float64]:
+    """Part (k, 3) of a convex polygon (n, 3) in a plane that lies within the plane's boundary."""
+    if plane.boundary is None:
+        return hull
+    sides = np.roll(plane.boundary, -1, axis=0) - plane.boundary
+    inward = np.cross(plane.normal, sides)
+    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+    for corner, normal in zip(plane.boundary, inward, strict=True):
+        hull = clip_polygon(hull, normal, float(normal @ corner))
+    return hull
 
 
 def is_same_view(way: RigidTransform, noise: RangeNoise) -> bool:
@@ -201,7 +227,7 @@ def model_environment(
     )
     noise = _measured_noise(frames, upward.planes, assumed, settings, rng)
     cloud = RangeCloud(fuse(frames, settings, rng, MAX_EDGE_POINTS), noise, settings)
-    planes = with_edges(upward.planes, cloud, rng)
+    planes = with_edges(upward.planes, cloud, rng, 2.0 * settings.min_radius)
     rotation, translation = _gravity_aligned(planes[0] if upward.has_support else None, upward.up)
     names = [f"plane_{k}" for k in range(len(planes))]
     environment = Environment(
@@ -249,7 +275,7 @@ def revised_environment(
     if model.has_support != _supports(planes, names, model, settings):
         return None
     cloud = RangeCloud(fuse([frame], settings, rng, MAX_EDGE_POINTS), model.noise, settings)
-    planes = with_edges(planes, cloud, rng)
+    planes = with_edges(planes, cloud, rng, 2.0 * settings.min_radius)
     environment = replace(
         model.environment,
         planes=_placed(planes, names, model.rotation, model.translation, settings),
@@ -280,7 +306,7 @@ def _named(
     model.
     """
     names = [""] * len(planes)
-    for old, was in zip(model.detected, model.environment.planes, strict=True):
+    for old, old_id in zip(model.detected, model.plane_ids, strict=True):
         middle = old.hull.mean(axis=0)
         same = [
             (float(np.linalg.norm(plane.hull.mean(axis=0) - middle)), k)
@@ -288,8 +314,8 @@ def _named(
             if not names[k] and np.array_equal(plane.numbers, old.numbers)
         ]
         if same:
-            names[min(same)[1]] = was.id
-    numbers = [int(plane.id.rsplit("_", 1)[1]) for plane in model.environment.planes]
+            names[min(same)[1]] = old_id
+    numbers = [int(old_id.rsplit("_", 1)[1]) for old_id in model.plane_ids]
     number = 1 + max(numbers, default=0)
     for k, name in enumerate(names):
         if not name:
@@ -305,16 +331,17 @@ def _placed(
     translation: NDArray[np.float64],
     settings: PerceptionSettings,
 ) -> tuple[Plane, ...]:
-    """Planes of the sensor's frame in the environment's."""
+    """Planes of the sensor's frame in the environment's; the first part of one has its id."""
     return tuple(
         Plane(
-            name,
+            name if k == 0 else f"{name}/part_{k + 1}",
             settings.plane_material,
             rotation @ plane.normal,
             plane.offset + float(rotation @ plane.normal @ translation),
-            None if plane.boundary is None else plane.boundary @ rotation.T + translation,
+            None if sheet is None else sheet @ rotation.T + translation,
         )
         for plane, name in zip(planes, names, strict=True)
+        for k, sheet in enumerate(plane.sheets)
     )
 
 
@@ -328,7 +355,7 @@ def plane_agreement(cloud: RangeCloud, planes: Sequence[DetectedPlane]) -> Plane
         along = cloud.points @ plane.normal
         meeting = np.flatnonzero(along < 0.0)
         feet = cloud.points[meeting] * (plane.offset / along[meeting])[:, None]
-        meeting = meeting[plane.in_hull(feet)]
+        meeting = meeting[plane.covers(feet)]
         before = along[meeting] - plane.offset > HIDING_DEPTH
         hides[meeting[before]] = True
         if k == 0 and not before.all():

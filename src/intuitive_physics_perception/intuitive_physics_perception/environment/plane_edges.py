@@ -14,8 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.geometry.polygons import clip_polygon, plane_square
+from intuitive_physics.geometry.polygons import plane_square
 from intuitive_physics_perception.environment.noise import GAUSSIAN_MAD
+from intuitive_physics_perception.environment.plane_openings import (
+    OpeningMask,
+    clip_flat,
+    opening_mask,
+    plane_parts,
+    simplified,
+)
 from intuitive_physics_perception.environment.planes import BEHIND, DetectedPlane
 from intuitive_physics_perception.environment.range_cloud import (
     RangeCloud,
@@ -81,6 +88,7 @@ class SeenAround:
     below : (m, 2) rays that read something behind the plane
     deep : (m,) whether it is too far behind to be noise or unevenness
     before : (k, 2) rays that read something in front of it
+    solid : (j, 2) rays that read nothing clearly behind it
     """
 
     surface: NDArray[np.float64]
@@ -88,36 +96,56 @@ class SeenAround:
     below: NDArray[np.float64]
     deep: NDArray[np.bool_]
     before: NDArray[np.float64]
+    solid: NDArray[np.float64]
 
 
 def with_edges(
-    planes: Sequence[DetectedPlane], cloud: RangeCloud, rng: np.random.Generator
+    planes: Sequence[DetectedPlane],
+    cloud: RangeCloud,
+    rng: np.random.Generator,
+    narrowest: float,
 ) -> list[DetectedPlane]:
-    """Return planes with the boundaries that the cloud shows of them."""
+    """Return planes with the boundaries and openings that the cloud shows of them.
+
+    `narrowest` m, width of an opening, at least.
+    """
     angle = angle_between_readings(cloud, rng)
-    return [
-        replace(plane, boundary=plane_boundary(cloud, plane, planes, angle)) for plane in planes
-    ]
+    return [_with_ends(cloud, plane, planes, angle, narrowest) for plane in planes]
 
 
-def plane_boundary(
-    cloud: RangeCloud, plane: DetectedPlane, planes: Sequence[DetectedPlane], angle: float
-) -> NDArray[np.float64] | None:
-    """Return the convex polygon that bounds a plane, None where no edge of it was seen.
+def _with_ends(
+    cloud: RangeCloud,
+    plane: DetectedPlane,
+    planes: Sequence[DetectedPlane],
+    angle: float,
+    narrowest: float,
+) -> DetectedPlane:
+    """Return a plane with the boundary and the openings that were seen.
 
-    `angle` in rad between neighbouring readings. Returns (k, 3) m, counter-clockwise seen
-    against the normal. Sides that are no seen edges lie `REACH` away.
+    `angle` in rad between neighbouring readings. Sides of the boundary that are no seen edges lie
+    `REACH` away.
     """
     if not (angle > 0.0 and plane.offset < 0.0):
         # Readings coincide, or the plane goes through the sensor: nothing shows where it ends.
-        return None
+        return plane
     axes = np.column_stack(plane_axes(plane.normal))
     around = _seen_around(cloud, plane, planes, axes, angle)
-    if len(around.surface) < SURFACE_READINGS:
-        return None
-    hull = convex_hull(around.surface)
-    polygon = None if hull is None else boundary_polygon(around, hull)
-    return None if polygon is None else polygon @ axes.T + plane.offset * plane.normal
+    hull = convex_hull(around.surface) if len(around.surface) >= SURFACE_READINGS else None
+    if hull is None:
+        return plane
+    polygon = boundary_polygon(around, hull)
+    on_plane = plane.offset * plane.normal
+    ended = replace(plane, boundary=None if polygon is None else polygon @ axes.T + on_plane)
+    mask = opening_mask(around.solid, around.below[around.deep], hull, narrowest)
+    if mask is None:
+        return ended
+    parts = plane_parts(_square(hull) if polygon is None else polygon, hull, *mask)
+    corner, cell, is_open = mask
+    return replace(
+        ended,
+        openings=OpeningMask(corner @ axes.T + on_plane, axes, cell, is_open),
+        parts=tuple(part @ axes.T + on_plane for part in parts),
+    )
 
 
 def _seen_around(
@@ -135,7 +163,7 @@ def _seen_around(
         if not np.array_equal(other.numbers, numbers):
             on &= ~cloud.near(other.numbers)
     part = np.flatnonzero(on)
-    part = part[plane.in_hull(cloud.points[part])]
+    part = part[plane.covers(cloud.points[part])]
     # How far the plane's own readings scatter is far less than what noise might make of them.
     median = float(np.median(np.abs(scaled[part]))) if part.size else 0.0
     usual = SURFACE_SIGMAS * GAUSSIAN_MAD * median
@@ -149,15 +177,16 @@ def _seen_around(
         cloud.feet(numbers, axes, below),
         scaled[below] < -BEHIND,
         cloud.feet(numbers, axes, before),
+        cloud.feet(numbers, axes, meets[scaled[meets] >= -BEHIND]),
     )
 
 
 def boundary_polygon(around: SeenAround, hull: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return the convex polygon (k, 2) of what was seen of a plane; see `plane_boundary`.
+    """Return the convex polygon (k, 2) of what was seen of a plane; see `_with_ends`.
 
     `hull` (n, 2) m, convex hull of the surface, counter-clockwise.
     """
-    corners = _simplified(hull, CORNER_TOLERANCE * float(np.median(around.spacing)))
+    corners = simplified(hull, CORNER_TOLERANCE * float(np.median(around.spacing)))
     sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
     edges = [
         edge
@@ -167,41 +196,22 @@ def boundary_polygon(around: SeenAround, hull: NDArray[np.float64]) -> NDArray[n
     ]
     if not edges:
         return None
-    centre = np.append(hull.mean(axis=0), 0.0)
-    polygon = plane_square(np.array([0.0, 0.0, 1.0]), 0.0, centre, REACH)
+    polygon = _square(hull)
     for outward, bound in edges:
-        polygon = clip_polygon(polygon, np.append(-outward, 0.0), -bound)
-    return polygon[:, :2] if len(polygon) >= 3 else None
+        polygon = clip_flat(polygon, -outward, -bound)
+    return polygon if len(polygon) >= 3 else None
+
+
+def _square(hull: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Corners (4, 2) m of a plane without an edge around its hull (n, 2)."""
+    centre = np.append(hull.mean(axis=0), 0.0)
+    return plane_square(np.array([0.0, 0.0, 1.0]), 0.0, centre, REACH)[:, :2]
 
 
 def _inside(around: SeenAround, edge: tuple[NDArray[np.float64], float]) -> float:
     """Part of the surface that an edge leaves; one that cuts off more was fitted to a corner."""
     outward, bound = edge
     return float((around.surface @ outward <= bound + GAP).mean())
-
-
-def _simplified(corners: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
-    """Drop corners of a convex polygon (n, 2) that stand out less than the tolerance from a side.
-
-    The least prominent goes first (Visvalingam's order, by height instead of area).
-    """
-    kept = list(corners)
-    while len(kept) > 3:
-        heights = [
-            _height(kept[k - 1], kept[k], kept[(k + 1) % len(kept)]) for k in range(len(kept))
-        ]
-        least = int(np.argmin(heights))
-        if heights[least] > tolerance:
-            break
-        del kept[least]
-    return np.array(kept)
-
-
-def _height(
-    before: NDArray[np.float64], corner: NDArray[np.float64], after: NDArray[np.float64]
-) -> float:
-    (ax, ay), (bx, by) = after - before, corner - before
-    return float(abs(ax * by - ay * bx) / max(np.hypot(ax, ay), 1e-12))
 
 
 def _seen_edge(

@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 
 from intuitive_physics.kernels import entry
 from intuitive_physics_perception.environment.noise import RangeNoise
-from intuitive_physics_perception.environment.range_cloud import RangeCloud, convex_hull, plane_axes
+from intuitive_physics_perception.environment.plane_openings import OpeningMask
+from intuitive_physics_perception.environment.range_cloud import (
+    RangeCloud,
+    convex_hull,
+    in_polygon,
+    plane_axes,
+)
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SCORED_POINTS = 1500
@@ -77,6 +83,8 @@ class DetectedPlane:
     hull : (n, 3) m, convex hull of the readings on it, counter-clockwise seen against the normal
     support : how many of the points given belong to it
     boundary : (k, 3) m, where it ends, so far as its edges were seen; None where none was
+    openings : where one sees through it; None where one does not
+    parts : (k, 3) m each, convex polygons that it consists of around its openings; none without
     """
 
     normal: NDArray[np.float64]
@@ -84,6 +92,13 @@ class DetectedPlane:
     hull: NDArray[np.float64]
     support: int
     boundary: NDArray[np.float64] | None = None
+    openings: OpeningMask | None = None
+    parts: tuple[NDArray[np.float64], ...] = ()
+
+    @property
+    def sheets(self) -> tuple[NDArray[np.float64] | None, ...]:
+        """Convex polygons (k, 3) m that it consists of; None for a plane without an edge."""
+        return self.parts or (self.boundary,)
 
     @property
     def numbers(self) -> NDArray[np.float64]:
@@ -117,12 +132,12 @@ class DetectedPlane:
         normals = away * outward + bounds * self.normal
         return np.column_stack([normals, np.full(len(normals), HULL_MARGIN * away)])
 
-    def in_hull(self, places: NDArray[Any]) -> NDArray[np.bool_]:
-        """Mark the `places` (n, 3) m on the plane that lie in its hull, or hardly out of it,
-        (n,)."""
+    def covers(self, places: NDArray[Any]) -> NDArray[np.bool_]:
+        """Mark the `places` (n, 3) m on the plane that lie in its hull, or hardly out of it, and in
+        no opening, (n,)."""
         inside = np.empty(len(places), dtype=bool)
         _mark_inside(places, self._sides, inside)
-        return inside
+        return inside if self.openings is None else inside & ~self.openings.holds(places)
 
 
 @entry
@@ -385,16 +400,7 @@ def _seen_between(
     hulls = [convex_hull(cloud.points[part] @ axes) for part in (*parts, np.concatenate(parts))]
     meeting = cloud.meeting(plane)
     feet = cloud.feet(plane, axes, meeting)
-    in_first, in_second, in_both = (_inside(hull, feet) for hull in hulls)
+    in_first, in_second, in_both = (in_polygon(hull, feet) for hull in hulls)
     between = meeting[in_both & ~in_first & ~in_second]
     through = np.count_nonzero(cloud.scaled_distances(plane, between) < -BEHIND)
     return int(through) >= max(READINGS_THROUGH, FRACTION_THROUGH * between.size)
-
-
-def _inside(hull: NDArray[np.float64] | None, places: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Mark the places (n, 2) in a convex polygon, counter-clockwise."""
-    if hull is None:
-        return np.zeros(len(places), dtype=bool)
-    along = np.roll(hull, -1, axis=0) - hull
-    outward = np.column_stack([along[:, 1], -along[:, 0]])
-    return np.asarray((places @ outward.T <= (outward * hull).sum(axis=1)).all(axis=1))

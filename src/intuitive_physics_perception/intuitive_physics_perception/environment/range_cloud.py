@@ -129,6 +129,17 @@ def convex_hull(places: NDArray[np.float64]) -> NDArray[np.float64] | None:
         return None
 
 
+def in_polygon(
+    polygon: NDArray[np.float64] | None, places: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Mark the places (n, 2) in a convex polygon (k, 2), counter-clockwise; none without one."""
+    if polygon is None:
+        return np.zeros(len(places), dtype=bool)
+    along = np.roll(polygon, -1, axis=0) - polygon
+    outward = np.column_stack([along[:, 1], -along[:, 0]])
+    return np.asarray((places @ outward.T <= (outward * polygon).sum(axis=1)).all(axis=1))
+
+
 def angle_between_readings(cloud: RangeCloud, rng: np.random.Generator) -> float:
     """Median angle, rad, from a reading to the nearest other one."""
     from scipy.spatial import cKDTree

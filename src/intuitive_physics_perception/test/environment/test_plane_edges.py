@@ -106,6 +106,7 @@ def scattered(rng, inside) -> SeenAround:
         places[~on],
         np.ones((~on).sum(), dtype=bool),
         np.zeros((0, 2)),
+        places[on],
     )
 
 

@@ -154,7 +154,8 @@ class ForegroundFinder:
         margins = np.hypot(self._settings.plane_sigmas * deviations, self._settings.plane_tolerance)
         on = np.zeros(len(points), dtype=bool)
         for plane in self._planes:
-            on |= np.abs(points @ plane.normal.astype(points.dtype) - plane.offset) <= margins
+            over = points @ plane.normal.astype(points.dtype) - plane.offset
+            on |= np.abs(over - plane.heights(points)) <= margins
         return on
 
     def _free_of(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -243,7 +244,8 @@ def _bounds_of(
 ) -> tuple[NDArray[Any], ...]:
     """Arrays of planes for `readings_before`: normals, offsets and margins (n, 6), the half-planes
     of their hulls (m, 4) as `DetectedPlane.hull_cones` has them, where those of each plane begin
-    (n + 1,); cells of openings (k,), coordinates (n, 8) and shapes (n, 3) as in `_openings_of`."""
+    (n + 1,); cells of openings (k,), coordinates (n, 8) and shapes (n, 3) as in `_openings_of`;
+    reliefs (n, 14) as in `_relief_of`."""
     cones = [np.zeros((0, 4)), *(plane.hull_cones for plane in planes)]
     starts = np.cumsum([0, *(len(cone) for cone in cones[1:])])
     numbers = [
@@ -254,7 +256,15 @@ def _bounds_of(
         np.concatenate(cones).astype(np.float32),
         starts.astype(np.int64),
         *_openings_of(planes),
+        np.array([_relief_of(plane) for plane in planes], dtype=np.float32).reshape(-1, 14),
     )
+
+
+def _relief_of(plane: DetectedPlane) -> NDArray[np.float64]:
+    """Relief of a plane (14,): its two axes, the origin along them, and the coefficients."""
+    if (relief := plane.relief) is None:
+        return np.zeros(14)
+    return np.concatenate([relief.axes.T.ravel(), relief.origin @ relief.axes, relief.coefficients])
 
 
 def _openings_of(
@@ -283,6 +293,7 @@ def readings_before(
     cells: Any,
     grids: Any,
     shapes: Any,
+    reliefs: Any,
     limits: Any,
 ) -> tuple[Any, int]:
     """Return the indices of readings in range that lie before all planes, as `free_ranges` has it,
@@ -295,13 +306,13 @@ def readings_before(
     `points` (n, 3) float32 m, may hold NaN; `planes` (m, 6) float32, normal, offset in m, squared
     `plane_sigmas`, squared tolerance in m²; `cones` (k, 4) float32, normals and bounds of
     half-spaces of unit directions; `starts` (m + 1,) where each plane's cones begin; `cells` (j,)
-    bool, `grids` (m, 8) float32 and `shapes` (m, 3) as in `_openings_of`; `limits` (5,)
-    float32, as in `ForegroundFinder`.
+    bool, `grids` (m, 8) float32 and `shapes` (m, 3) as in `_openings_of`; `reliefs` (m, 14) float32
+    as in `_relief_of`; `limits` (5,) float32, as in `ForegroundFinder`.
     """
     size = 256
     kept = np.empty(points.shape[0], dtype=np.int64)
     count = readings = 0
-    x, y, z, ranges, variances = np.empty((5, size), dtype=np.float32)
+    x, y, z, ranges, variances, rises = np.empty((6, size), dtype=np.float32)
     before, inside = np.empty((2, size), dtype=np.bool_)
     for first in range(0, points.shape[0], size):
         n = min(size, points.shape[0] - first)
@@ -318,9 +329,10 @@ def readings_before(
             a, b, c, offset = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
             sigmas2, tolerance2 = planes[k, 4], planes[k, 5]
             reached = 0
+            _rise(rises, x, y, z, ranges, n, reliefs[k])
             for i in range(n):
                 cosine = -(x[i] * a + y[i] * b + z[i] * c)
-                distance = -offset - ranges[i] * cosine
+                distance = -offset - ranges[i] * cosine - rises[i]
                 margin2 = sigmas2 * variances[i] * cosine * cosine + tolerance2
                 ahead = (distance > 0.0) & (distance * distance > margin2)
                 inside[i] = before[i] & (cosine > 1e-6) & ~ahead
@@ -339,6 +351,21 @@ def readings_before(
                 kept[count] = first + i
                 count += 1
     return kept[:count].copy(), readings
+
+
+@kernel
+def _rise(rises: Any, x: Any, y: Any, z: Any, ranges: Any, n: int, relief: Any) -> None:
+    """Set the heights (n,) m of a surface over its plane where n readings at (n,) ranges along
+    (x, y, z) stand over it, as `PlaneRelief.heights` has it."""
+    rises[:n] = 0.0
+    if relief[0] == 0.0 and relief[1] == 0.0 and relief[2] == 0.0:
+        return
+    for i in range(n):
+        a = ranges[i] * (x[i] * relief[0] + y[i] * relief[1] + z[i] * relief[2]) - relief[6]
+        b = ranges[i] * (x[i] * relief[3] + y[i] * relief[4] + z[i] * relief[5]) - relief[7]
+        a, b = min(max(a, -1.0), 1.0), min(max(b, -1.0), 1.0)
+        rises[i] = relief[8] + relief[9] * a + relief[10] * b
+        rises[i] += relief[11] * a * a + relief[12] * a * b + relief[13] * b * b
 
 
 @kernel
@@ -387,7 +414,8 @@ def free_ranges(
         for _ in range(ITERATIONS):
             spread = settings.plane_sigmas * noise.deviation(begins) * cosine
             margin = np.hypot(spread, settings.plane_tolerance)
-            begins = np.maximum((-plane.offset - margin) / cosine, 0.0)
+            surface = plane.heights(unit[meets] * begins[:, None])
+            begins = np.maximum((-plane.offset - surface - margin) / cosine, 0.0)
         free[meets] = np.minimum(free[meets], begins)
     return free
 

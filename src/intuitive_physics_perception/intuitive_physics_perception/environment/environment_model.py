@@ -128,6 +128,7 @@ class EnvironmentModel:
                 boundary=None if plane.boundary is None else (plane.boundary - shift) @ turn,
                 openings=None if plane.openings is None else plane.openings.seen_from(way),
                 parts=tuple((part - shift) @ turn for part in plane.parts),
+                relief=None if plane.relief is None else plane.relief.seen_from(way),
             )
             for plane in self.detected
         )
@@ -350,7 +351,7 @@ def plane_agreement(cloud: RangeCloud, planes: Sequence[DetectedPlane]) -> Plane
     on, hides = np.zeros(len(cloud.points), dtype=bool), np.zeros(len(cloud.points), dtype=bool)
     support = 1.0
     for k, plane in enumerate(planes):
-        near = cloud.near(plane.numbers)
+        near = np.abs(plane.scaled_distances(cloud)) < 1.0
         on |= near
         along = cloud.points @ plane.normal
         meeting = np.flatnonzero(along < 0.0)
@@ -450,6 +451,7 @@ def _errors_on_planes(
     normals = np.stack([plane.normal for plane in planes])
     along = points @ normals.T
     errors = along - np.array([plane.offset for plane in planes])
+    errors -= np.column_stack([plane.heights(points) for plane in planes])
     nearest = np.abs(errors).argmin(axis=1)
     rows = np.arange(len(points))
     error, cosine = errors[rows, nearest], along[rows, nearest] / ranges

@@ -156,7 +156,7 @@ def _seen_around(
     angle: float,
 ) -> SeenAround:
     numbers = plane.numbers
-    scaled = cloud.scaled_distances(numbers)
+    scaled = plane.scaled_distances(cloud)
     on = np.abs(scaled) < 1.0
     for other in planes:
         # Two surfaces at one height have one plane.

@@ -159,20 +159,17 @@ def _convex_pieces(
     cells: NDArray[np.intp], smallest: float, splits: int
 ) -> list[NDArray[np.float64]]:
     """Convex polygons (k, 2), in cells, that cover connected cells (n, 2) about."""
-    if len(cells) < smallest:
+    if len(cells) < max(smallest, NARROWEST**2):
         return []
-    corners = [cells + step for step in ((0, 0), (0, 1), (1, 0), (1, 1))]
-    hull = convex_hull(np.concatenate(corners).astype(np.float64))
-    if hull is None:
-        return []
+    hull = _hull_of_cells(cells)
     if len(cells) >= CONVEX_FRACTION * _area(hull) or not splits:
         return [simplified(hull, 1.0, MOST_SIDES)]
     centred = cells - cells.mean(axis=0)
     along = np.linalg.eigh(centred.T @ centred)[1]
-    halves = [centred @ axis > 0.0 for axis in along.T]
+    sides = [centred @ axis > 0.0 for axis in along.T]
+    halves = [side for side in sides if side.any() and not side.all()]
     filled = [
-        sum(_area(convex_hull(cells[half].astype(float))) for half in (first, ~first))
-        for first in halves
+        sum(_area(_hull_of_cells(cells[half])) for half in (first, ~first)) for first in halves
     ]
     first = halves[int(np.argmin(filled))]
     return [
@@ -180,6 +177,14 @@ def _convex_pieces(
         for half in (cells[first], cells[~first])
         for piece in _convex_pieces(half, smallest, splits - 1)
     ]
+
+
+def _hull_of_cells(cells: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Convex hull (k, 2) of cells (n, 2), at least one, in cells."""
+    corners = [cells + step for step in ((0, 0), (0, 1), (1, 0), (1, 1))]
+    hull = convex_hull(np.concatenate(corners).astype(np.float64))
+    assert hull is not None  # four corners of a cell lie on no line
+    return hull
 
 
 def _inner_sides(
@@ -258,9 +263,7 @@ def _half_planes(
     return outward, (outward * polygon).sum(axis=1)
 
 
-def _area(polygon: NDArray[np.float64] | None) -> float:
-    """Area of a polygon (n, 2), m²; of none it is zero."""
-    if polygon is None:
-        return 0.0
+def _area(polygon: NDArray[np.float64]) -> float:
+    """Area of a polygon (n, 2), m²."""
     (x, y), (following_x, following_y) = polygon.T, np.roll(polygon, -1, axis=0).T
     return 0.5 * float(np.abs(np.sum(x * following_y - y * following_x)))

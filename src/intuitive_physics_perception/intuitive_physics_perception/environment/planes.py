@@ -8,7 +8,7 @@ Between the parts of one surface something hides it; between two surfaces one se
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import sqrt
 from typing import Any
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from intuitive_physics.kernels import entry
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.plane_openings import OpeningMask
+from intuitive_physics_perception.environment.plane_relief import PlaneRelief, fitted_relief
 from intuitive_physics_perception.environment.range_cloud import (
     RangeCloud,
     convex_hull,
@@ -85,6 +86,7 @@ class DetectedPlane:
     boundary : (k, 3) m, where it ends, so far as its edges were seen; None where none was
     openings : where one sees through it; None where one does not
     parts : (k, 3) m each, convex polygons that it consists of around its openings; none without
+    relief : how its surface lies over it; None where it is flat
     """
 
     normal: NDArray[np.float64]
@@ -94,6 +96,7 @@ class DetectedPlane:
     boundary: NDArray[np.float64] | None = None
     openings: OpeningMask | None = None
     parts: tuple[NDArray[np.float64], ...] = ()
+    relief: PlaneRelief | None = None
 
     @property
     def sheets(self) -> tuple[NDArray[np.float64] | None, ...]:
@@ -104,6 +107,15 @@ class DetectedPlane:
     def numbers(self) -> NDArray[np.float64]:
         """Normal and offset in one array (4,)."""
         return np.append(self.normal, self.offset)
+
+    def heights(self, points: NDArray[Any]) -> NDArray[np.float64]:
+        """Return the height (n,) m of its surface where points (n, 3) m stand over it."""
+        return np.zeros(len(points)) if self.relief is None else self.relief.heights(points)
+
+    def scaled_distances(self, cloud: RangeCloud) -> NDArray[np.float64]:
+        """Return the distances (n,) of a cloud's points from its surface, as `RangeCloud` has
+        them."""
+        return cloud.scaled_distances(self.numbers, heights=self.heights)
 
     @property
     def width(self) -> float:
@@ -189,6 +201,7 @@ def detect_planes(
         for surface in surfaces(cloud, plane, [*merged[:k], *merged[k + 1 :]], needed)
         if (detected := _detected(cloud, plane, surface, smallest)) is not None
     ]
+    planes = _with_relief(cloud, planes, needed, merged[:fixed])
     planes.sort(key=lambda plane: -plane.support)
     return planes[: settings.max_planes]
 
@@ -328,12 +341,11 @@ def _apart(
     parallel, only the half that errs towards it would be left out.
     """
     near = [cloud.near(plane) for plane in planes]
-    largest_cosine = float(np.cos(np.radians(MERGE_ANGLE)))
     refined = planes[:fixed]
     for plane in planes[fixed:]:
         uncrossed = np.ones(len(cloud.points), dtype=bool)
         for other, strip in zip(planes, near, strict=True):
-            if abs(plane[:3] @ other[:3]) < largest_cosine:
+            if _crosses(plane[:3], other[:3]):
                 uncrossed &= ~strip
         refined.append(_refined(cloud, plane, np.flatnonzero(uncrossed)))
     return refined
@@ -355,6 +367,66 @@ def _detected(
     if surface.size < SMALL_PART * len(cloud.points) and width < smallest:
         return None
     return DetectedPlane(normal, offset, hull, int(surface.size))
+
+
+def _with_relief(
+    cloud: RangeCloud,
+    planes: Sequence[DetectedPlane],
+    needed: int,
+    fixed: Sequence[NDArray[np.float64]],
+) -> list[DetectedPlane]:
+    """Planes with the relief of their surfaces, without those that only cut through one.
+
+    The `fixed` ones, (4,) each, stay where they are; others go through the middle of the surface.
+    """
+    kept: list[DetectedPlane] = []
+    for plane in sorted(planes, key=lambda plane: -plane.support):
+        own = np.flatnonzero(cloud.near(plane.numbers))
+        own = own[plane.covers(cloud.points[own])]
+        if any(
+            other.relief is not None and np.median(np.abs(other.scaled_distances(cloud)[own])) < 1.0
+            for other in kept
+        ):
+            continue
+        crossing = [other.numbers for other in planes if _crosses(other.normal, plane.normal)]
+        stays = any(np.array_equal(plane.numbers, numbers) for numbers in fixed)
+        kept.append(_uneven(cloud, plane, own, crossing, stays=stays))
+    return [plane for plane in kept if plane.support >= needed]
+
+
+def _crosses(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
+    return abs(float(first @ second)) < np.cos(np.radians(MERGE_ANGLE))
+
+
+def _uneven(
+    cloud: RangeCloud,
+    plane: DetectedPlane,
+    own: NDArray[np.intp],
+    crossing: Sequence[NDArray[np.float64]],
+    *,
+    stays: bool,
+) -> DetectedPlane:
+    """A plane with its relief, if it has one, and the hull of the readings on that."""
+    numbers = plane.numbers
+    fit = fitted_relief(cloud, numbers, own, crossing)
+    if fit is not None and not stays:
+        numbers = _least_squares(cloud, fit[1])
+        fit = fitted_relief(cloud, numbers, fit[1], crossing)
+    if fit is None:
+        return plane
+    relief, on = fit
+    surface = cloud.connected(on)[0]
+    hull = _hull_on_plane(cloud.points[surface], numbers[:3], float(numbers[3]))
+    if hull is None:
+        return plane
+    return replace(
+        plane,
+        normal=numbers[:3],
+        offset=float(numbers[3]),
+        hull=hull,
+        support=int(surface.size),
+        relief=relief,
+    )
 
 
 def _hull_on_plane(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,10 @@ class RangeCloud:
         self.sigmas = settings.plane_sigmas
 
     def scaled_distances(
-        self, plane: NDArray[np.float64], which: NDArray[np.intp] | slice = slice(None)
+        self,
+        plane: NDArray[np.float64],
+        which: NDArray[np.intp] | slice = slice(None),
+        heights: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
     ) -> NDArray[np.float64]:
         """Return distances from planes, (..., n), in units of what noise makes likely.
 
@@ -45,12 +48,16 @@ class RangeCloud:
         zero beyond the plane, seen from where its normal points.
 
         `plane` (..., 4) normal and offset in m; `which` (n,) indices of the points; all of them if
-        not given.
+        not given; `heights`: of a surface over the plane (n,) m, at points (n, 3); flat if not
+        given.
         """
         along = plane[..., :3] @ self.points[which].T
         cosine = along / self.ranges[which]
         spread = np.square(self.sigmas * self.deviations[which] * cosine) + self.tolerance**2
-        return (along - plane[..., 3:]) / np.sqrt(spread)
+        over = along - plane[..., 3:]
+        if heights is not None:
+            over = over - heights(self.points[which])
+        return over / np.sqrt(spread)
 
     def near(
         self, plane: NDArray[np.float64], which: NDArray[np.intp] | slice = slice(None)
@@ -75,7 +82,10 @@ class RangeCloud:
         near = self.near(plane)
         for other in others:
             near &= ~self.near(other)
-        inliers = np.flatnonzero(near)
+        return self.connected(np.flatnonzero(near))
+
+    def connected(self, inliers: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+        """Split the indices (n,) of points into parts that are seen as one, largest first."""
         if not inliers.size:
             return [inliers]
         labels = _connected_labels(self.points[inliers] / self.ranges[inliers, None])

@@ -26,8 +26,9 @@ GROWTH = 1.2
 """Part by which a relief may extend beyond its readings in one round: farther a polynomial says
 little."""
 
-LARGEST = 0.15
-"""Largest height of a relief over its plane, m: what rises more is no unevenness. Set by hand."""
+LARGEST = 0.1
+"""Largest height of a relief over its plane, in halves of its longer extent: what rises more is
+curved, not uneven. Set by hand."""
 
 EXPLAINED = 0.3
 """Part of the squared distances from the plane that a relief must explain: less is by chance."""
@@ -80,7 +81,7 @@ def fitted_relief(
     for other in others:
         free &= ~cloud.near(other)
     heights = cloud.points @ plane[:3] - plane[3]
-    possible = np.flatnonzero(free & (np.abs(heights) < LARGEST))
+    possible = np.flatnonzero(free)
     relief, on = _fit(cloud, plane, surface, heights), surface
     for _ in range(ROUNDS):
         within = np.abs((cloud.points[possible] - relief.origin) @ relief.axes).max(axis=1) < GROWTH
@@ -92,8 +93,9 @@ def fitted_relief(
         relief = _fit(cloud, plane, on, heights)
     rise = relief.heights(cloud.points[on])
     flat, left = np.square(heights[on]), np.square(heights[on] - rise)
-    is_flat = np.abs(rise).max() < cloud.tolerance or left.sum() > (1.0 - EXPLAINED) * flat.sum()
-    return None if is_flat else (relief, on)
+    highest, extent = np.abs(rise).max(), 1.0 / np.linalg.norm(relief.axes, axis=0).min()
+    is_uneven = cloud.tolerance < highest < LARGEST * extent
+    return (relief, on) if is_uneven and left.sum() < (1.0 - EXPLAINED) * flat.sum() else None
 
 
 def _fit(

@@ -416,7 +416,10 @@ def _uneven(
         return plane
     relief, on = fit
     surface = cloud.connected(on)[0]
-    hull = _hull_on_plane(cloud.points[surface], numbers[:3], float(numbers[3]))
+    points = cloud.points[surface]
+    # A ray that meets a raised border meets the plane farther away.
+    feet = points * (numbers[3] / (points @ numbers[:3]))[:, None]
+    hull = _hull_on_plane(feet, numbers[:3], float(numbers[3]))
     if hull is None:
         return plane
     return replace(

@@ -46,6 +46,10 @@ SMALLEST_PART = 0.05
 MOST_SIDES = 6
 """Sides of a polygon that is cut out, at most: each of them is one part more of the plane."""
 
+MOST_PARTS = 12
+"""Parts of a plane, at most; openings that would make more of it stay closed in the environment
+that is published, the smaller ones first: each part is one plane more to simulate."""
+
 EDGE_CELLS = 2.0
 """Cells from the border of what was seen within which an opening has no end there."""
 
@@ -144,15 +148,19 @@ def plane_parts(
     """
     from scipy.ndimage import label
 
-    parts = [polygon]
     labels, count = label(is_open)
+    pieces = []
     for k in range(1, count + 1):
         cells = np.argwhere(labels == k)
-        for piece in _convex_pieces(cells, SMALLEST_PART * len(cells), SPLITS):
-            sides = _inner_sides(corner + cell * piece, hull, EDGE_CELLS * cell)
-            parts = [left for part in parts for left in _cut_out(part, sides)]
-    wide = [part for part in parts if _area(part) > EDGE_CELLS**2 * cell**2]
-    return sorted(wide, key=_area, reverse=True)
+        pieces += _convex_pieces(cells, SMALLEST_PART * len(cells), SPLITS)
+    parts = [polygon]
+    for piece in sorted(pieces, key=_area, reverse=True):
+        sides = _inner_sides(corner + cell * piece, hull, EDGE_CELLS * cell)
+        split = [left for part in parts for left in _cut_out(part, sides)]
+        split = [part for part in split if _area(part) > (EDGE_CELLS * cell) ** 2]
+        if len(split) <= MOST_PARTS:
+            parts = split
+    return sorted(parts, key=_area, reverse=True)
 
 
 def _convex_pieces(

@@ -23,6 +23,10 @@ JUMP = 0.02
 JUMP_SIGMAS = 6.0
 """Standard deviations of the range that are added to that difference."""
 
+LINES_APART = 1.5
+"""Angles between the lines of a scanner up to which readings are neighbours: on a surface that is
+slanted across the lines their ranges differ, too. Set by hand."""
+
 CELLS_PER_GAP = 4.0
 """Cells along a gap in a cloud that is not organised; one reading stands for its cell."""
 
@@ -190,7 +194,8 @@ class ForegroundFinder:
     def _unorganised_clusters(
         self, points: NDArray[np.float32], indices: NDArray[np.int64]
     ) -> list[NDArray[np.int64]]:
-        labels = neighbour_labels(points[indices].astype(np.float64), self._settings.cluster_angle)
+        gap = max(self._settings.cluster_angle, LINES_APART * self._noise.between_lines)
+        labels = neighbour_labels(points[indices].astype(np.float64), gap)
         sizes = np.bincount(labels, minlength=1)
         largest_first = np.argsort(-sizes, kind="stable")
         return [

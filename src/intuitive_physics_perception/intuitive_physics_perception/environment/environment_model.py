@@ -17,7 +17,11 @@ from intuitive_physics_perception.environment.gravity import Upward, facing, upr
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.plane_edges import with_edges
 from intuitive_physics_perception.environment.planes import DetectedPlane, detect_planes
-from intuitive_physics_perception.environment.range_cloud import RangeCloud, angle_between_readings
+from intuitive_physics_perception.environment.range_cloud import (
+    RangeCloud,
+    angle_between_lines,
+    angle_between_readings,
+)
 from intuitive_physics_perception.settings import PerceptionSettings
 
 HIDING_DEPTH = 0.1
@@ -437,6 +441,7 @@ def _scan_noise(
         return measured
     points, errors = _errors_on_planes(readings, planes, measured, settings)
     errors = errors / measured.deviation(np.linalg.norm(points, axis=1))
+    measured = replace(measured, between_lines=angle_between_lines(readings))
     return measured.with_spacing(spacing).with_correlation_on_surfaces(points, errors, spacing)
 
 

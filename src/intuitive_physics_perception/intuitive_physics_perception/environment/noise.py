@@ -64,6 +64,7 @@ class RangeNoise:
     lateral : standard deviation of the direction of a reading, rad
     correlated : neighbouring readings that share one error along the ray: the variance of a mean of
         n readings is this many times σ² / n
+    between_lines : angle between the lines in which a scanner reads, rad; 0 where it has none
     """
 
     constant: float
@@ -71,6 +72,7 @@ class RangeNoise:
     limit: float
     lateral: float
     correlated: float = 1.0
+    between_lines: float = 0.0
 
     @staticmethod
     def from_settings(settings: PerceptionSettings) -> RangeNoise:

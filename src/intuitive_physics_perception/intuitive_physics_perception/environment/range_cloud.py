@@ -17,6 +17,10 @@ ANGLES_ASKED = 500
 """Readings, drawn at random, whose angle to the nearest other one is measured: bounds the
 time."""
 
+NEIGHBOURS = 200
+"""Neighbours of a reading among which one of another scan line is looked for: a scanner reads up to
+some twenty times as densely along its lines as across them."""
+
 GRAZING = 0.02
 """Cosine of the angle between ray and normal below which it is unsure where they meet."""
 
@@ -158,3 +162,29 @@ def angle_between_readings(cloud: RangeCloud, rng: np.random.Generator) -> float
     asked = directions[rng.permutation(len(directions))[:ANGLES_ASKED]]
     distances = cKDTree(directions).query(asked, k=2)[0][:, 1]
     return float(np.median(distances))
+
+
+def angle_between_lines(points: NDArray[np.float64]) -> float:
+    """Return the median angle, rad, from a reading to the nearest one that is not in its line.
+
+    The line of a reading is towards its nearest neighbour, within 45°; of a camera, which reads as
+    densely in all directions, this is about the angle between neighbours. Zero where all lies in
+    one line.
+
+    `points` (n, 3) m, none at the sensor, which is at the origin.
+    """
+    from scipy.spatial import cKDTree
+
+    directions = points / np.linalg.norm(points, axis=1, keepdims=True)
+    asked = directions[:: len(directions) // ANGLES_ASKED + 1]
+    # Readings in one direction, as two returns of a beam are, have none between them.
+    kept = np.unique(np.round(directions, 6), axis=0)
+    distances, nearest = cKDTree(kept).query(asked, k=min(NEIGHBOURS, len(kept)))
+    offsets = kept[nearest] - asked[:, None]
+    apart = distances > 1e-5
+    first = np.take_along_axis(offsets, apart.argmax(axis=1)[:, None, None], axis=1)[:, 0]
+    first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-12)
+    along = np.abs(np.einsum("nki,ni->nk", offsets, first))
+    across = apart & (along < np.sqrt(0.5) * distances)
+    rows = np.flatnonzero(across.any(axis=1))
+    return float(np.median(distances[rows, across[rows].argmax(axis=1)])) if rows.size else 0.0

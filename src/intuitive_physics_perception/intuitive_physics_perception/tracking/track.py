@@ -88,8 +88,9 @@ class Track:
     moving_since : s, when it was first seen or left its rest
     seen_time : s for which it was seen, at most `FRAME_TIME` for each detection
     steps : all frames since it was first seen
-    earlier : detections before that with their times (s), newest first, as long as they are looked
-        for; None from then on
+    earlier : detections in frames in which it was not seen at first, with their times (s), as long
+        as they are looked for; None from then on
+    searched_until : s, down to which they were looked for
     identity : the object that it is, where that is known from elsewhere
     surface : what its surface has shown of its spin since its last contact; None while nothing
     """
@@ -112,6 +113,7 @@ class Track:
     color: NDArray[np.float64] | None = None
     steps: deque[FilterStep] = field(default_factory=lambda: deque(maxlen=MAX_STEPS))
     earlier: list[tuple[float, Detection]] | None = field(default_factory=list)
+    searched_until: float = np.inf
     identity: SceneObject | None = None
     surface: SurfaceSpin | None = None
 
@@ -164,7 +166,8 @@ class Track:
     @property
     def detections(self) -> list[tuple[float, Detection]]:
         """Detections with their times (s), oldest first, those that were found later among them."""
-        return [*(self.earlier or [])[::-1], *detections_of(self.steps)]
+        found = [*(self.earlier or []), *detections_of(self.steps)]
+        return sorted(found, key=lambda detection: detection[0])
 
     def recent(self, duration: float) -> list[FilterStep]:
         """Steps of the last `duration` s, oldest first."""

@@ -12,8 +12,11 @@ from intuitive_physics_perception.detection.cluster_view import ClusterView
 from intuitive_physics_perception.detection.detections import DetectedSphere, given_radius
 from intuitive_physics_perception.detection.sphere_fit import readings_beyond, refine_sphere
 from intuitive_physics_perception.detection.sphere_inspection import (
+    OutlineView,
     inspect_sphere,
     look_round_outline,
+    outside_in_sectors,
+    touched_sectors,
 )
 from intuitive_physics_perception.detection.swept_sphere import (
     Sweep,
@@ -227,11 +230,30 @@ class SphereFitter:
         `most_goes_on`: part of the ring round its outline in which the cluster may go on at most.
         """
         swept = self._swept(view, part, start)
-        fit = None if swept is None else self._refined(*swept)
-        if swept is None or fit is None:
+        if swept is None:
+            return None
+        followed = start.size_is_known
+        sphere = self._judged(swept, most_goes_on, followed=followed, alone=followed)
+        if sphere is None or followed:
+            return sphere
+        # What may be no ball is judged by all readings, but measured without those beside it.
+        return self._judged(swept, most_goes_on, followed=False, alone=True) or sphere
+
+    def _judged(
+        self,
+        swept: tuple[ClusterView, Part, Sweep],
+        most_goes_on: float,
+        *,
+        followed: bool,
+        alone: bool,
+    ) -> DetectedSphere | None:
+        """The sphere that fits the readings, or those alone that are not of what it touches; None
+        where it is no object."""
+        fit = self._refined(*swept, alone=alone)
+        if fit is None:
             return None
         fit = fit.with_known_radius(self.known_radii, self._settings.known_object_tolerance)
-        if not self._is_plausible(fit, size_is_known=start.size_is_known):
+        if not self._is_plausible(fit, size_is_known=followed):
             return None
         return self._inspected(swept[0], fit, most_goes_on)
 
@@ -283,9 +305,13 @@ class SphereFitter:
         moved = Part(unswept(part.points, sweep.sphere, sweep.sweep), part.total)
         return SweptView(view, sweep.sphere, sweep.sweep), moved, sweep
 
-    def _refined(self, view: ClusterView, part: Part, sweep: Sweep) -> SphereFit | None:
+    def _refined(
+        self, view: ClusterView, part: Part, sweep: Sweep, *, alone: bool
+    ) -> SphereFit | None:
         """Fit twice: the outline and the noise of the surface are known well only after the first
-        fit."""
+        fit. Where the cluster goes on past the outline, as into a hand, there is no outline: what
+        lies outside of it there would draw the sphere to its side, and is left out if the sphere is
+        to be fitted `alone`."""
         sphere = sweep.sphere
         limits = self._settings.min_radius, self._settings.max_radius
         shared = self._sharing * len(part.points) / part.total
@@ -294,11 +320,14 @@ class SphereFitter:
         sharing, growth, doubt = 0.0, 0.0, 1.0 + shared
         if view.is_organised:
             sharing, growth, doubt = shared, EDGE_GROWTH * view.pixel, 1.0
-        scale, noise = 1.0, self.noise
-        for _ in range(2):
+        scale, noise, points = 1.0, self.noise, part.points
+        for first in (True, False):
             around, _ = view.around(sphere)
             beyond = readings_beyond(around, sphere, self.noise)
-            fit = refine_sphere(part.points, beyond, sphere, *limits, noise, sharing, growth)
+            if alone and not first:
+                touched = touched_sectors(self._outline(view, sphere))
+                points = points[~outside_in_sectors(points, sphere, touched)]
+            fit = refine_sphere(points, beyond, sphere, *limits, noise, sharing, growth)
             if not fit.inliers or fit.misfit * scale > self._settings.max_misfit:
                 return None
             sphere = fit.sphere
@@ -361,17 +390,21 @@ class SphereFitter:
         its outline and be seen as a whole.
         """
         sphere = fit.sphere
-        outline = look_round_outline(*view.surroundings(sphere), sphere, view.pixel, self.noise)
+        outline = self._outline(view, sphere)
         if self._misfit_of(outline.patches, fit) > SHAPE_MISFIT:
             return False
+        goes_on = float(np.mean(outline.going_on > 0.5))
         if not self._knows_before or outline.new > NEW_READINGS:
-            return outline.goes_on <= most_goes_on
+            return goes_on <= most_goes_on
         return (
-            outline.goes_on <= STATIC_GOES_ON
+            goes_on <= STATIC_GOES_ON
             and outline.level <= STATIC_LEVEL
             and outline.ends >= STATIC_ENDS
             and visible >= STATIC_VISIBLE
         )
+
+    def _outline(self, view: ClusterView, sphere: NDArray[np.float64]) -> OutlineView:
+        return look_round_outline(*view.surroundings(sphere), sphere, view.pixel, self.noise)
 
     def _misfit_of(self, patches: NDArray[np.float64], fit: SphereFit) -> float:
         """Mean squared error of the surface's patches (n, 3) of `OutlineView`, in variances.

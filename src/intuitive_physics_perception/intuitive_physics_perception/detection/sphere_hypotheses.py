@@ -8,7 +8,7 @@ as in `sphere_fit`.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from math import sqrt
 from typing import Any
@@ -132,8 +132,7 @@ class SphereHypotheses:
         """
         for start in expected:
             yield Hypothesis(self._fitter.part_near(readings, start), start)
-            inside = self._fitter.part_inside(readings, start)
-            yield Hypothesis(inside, replace(start, size_is_known=True))
+            yield Hypothesis(self._fitter.part_inside(readings, start), start)
         if effort is Effort.EXPECTED:
             return
         if may_move:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.scene import Environment, SceneObject
-from intuitive_physics.shapes import Capsule
 from intuitive_physics_perception.detection.detections import (
     Detection,
     frame_covariance,
@@ -18,6 +17,12 @@ from intuitive_physics_perception.detection.detections import (
 )
 from intuitive_physics_perception.detection.fitted_sphere import Start
 from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_perception.tracking.kinds import (
+    RADIUS_GATE,
+    RADIUS_SLACK,
+    as_part_of,
+    is_inside,
+)
 from intuitive_physics_perception.tracking.motion import (
     GATE,
     PLACED,
@@ -48,12 +53,6 @@ change."""
 MAX_COLOR_COST = 25.0
 """Largest cost of another colour, in variances of position: a shadow costs no more than to be five
 standard deviations off."""
-
-RADIUS_GATE = 4.0
-"""Standard deviations by which a radius may differ within one track."""
-
-RADIUS_SLACK = 0.003
-"""Difference of radii, m, that is allowed beyond `RADIUS_GATE`."""
 
 TENTATIVE_TIME = 0.08
 """A track that is not confirmed and unseen for longer is closed, s: at 30 Hz one frame may miss
@@ -200,7 +199,7 @@ class Tracker:
         exposure, spread = self._settings.exposure, track.covariance[VELOCITY, VELOCITY]
         deviation = exposure * float(np.sqrt(np.linalg.eigvalsh(spread)[-1]))
         radius = float(track.mean[RADIUS])
-        return Start(np.append(place, radius), exposure * velocity, deviation)
+        return Start(np.append(place, radius), exposure * velocity, deviation, size_is_known=True)
 
     def _carry_on(self, time: float) -> None:
         for track in self._tracks:
@@ -217,17 +216,21 @@ class Tracker:
         self._carry_on(time)
         matches = self._matches(detections)
         for track in self._tracks:
-            detection = matches.get(track.number)
+            match = matches.get(track.number)
+            detection = None if match is None else match[1]
             if detection is not None:
                 unseen = time - track.last_seen
-                self._filter.correct(track, detection)
+                if kind_of(detection) == track.kind:
+                    self._filter.correct(track, detection)
+                else:
+                    self._filter.change_kind(track, detection)
                 fading = unseen / COLOR_TIME
                 track.take_color(detection.color, -float(np.expm1(-fading)))
                 settle(track, self._settings)
                 self._classify(track)
             track.close_step(detection)
             self._follow_rest(track)
-        taken = [id(detection) for detection in matches.values()]
+        taken = [id(detection) for detection, _ in matches.values()]
         self._tracks += [
             self._new_track(time, detection)
             for detection in detections
@@ -259,15 +262,19 @@ class Tracker:
                 track.moving_since = fresh.moving_since
         track.earlier = None
 
-    def _matches(self, detections: Sequence[Detection]) -> dict[int, Detection]:
-        """Pair numbers of tracks and detections: by what is likely, then by what a hit or a hand
-        could explain. Colour has a say in what is likely, never in what is possible."""
+    def _matches(self, detections: Sequence[Detection]) -> dict[int, tuple[Detection, Detection]]:
+        """Pair numbers of tracks and detections, these as they are and as what they show of the
+        track: by what is likely, then by what a hit or a hand could explain. Colour has a say in
+        what is likely, never in what is possible."""
         likely = np.full((len(self._tracks), len(detections)), np.inf)
         possible = likely.copy()
+        parts: dict[tuple[int, int], Detection] = {}
         for k, track in enumerate(self._tracks):
-            for n, detection in enumerate(detections):
-                if kind_of(detection) != track.kind:
+            for n, seen in enumerate(detections):
+                detection = as_part_of(track, seen)
+                if detection is None:
                     continue
+                parts[k, n] = detection
                 innovation, spread = innovation_of(track, detection)
                 unlike = color_cost(track.color, detection.color)
                 distance2 = float(innovation @ np.linalg.solve(spread, innovation)) + unlike
@@ -284,7 +291,7 @@ class Tracker:
         for k, n in pairs:
             possible[k, :] = possible[:, n] = np.inf
         pairs += cheapest_pairs(possible)
-        return {self._tracks[k].number: detections[n] for k, n in pairs}
+        return {self._tracks[k].number: (detections[n], parts[k, n]) for k, n in pairs}
 
     def _reach(self, track: Track, spread: NDArray[np.float64]) -> float:
         """Largest distance, m, of a track from where it is expected."""
@@ -428,17 +435,8 @@ def _recognise(track: Track, settings: PerceptionSettings) -> None:
 
 
 def is_in_capsule(place: NDArray[np.float64], tracks: Iterable[Track]) -> bool:
-    """Return whether a place (3,) is in one of the capsules that are followed.
-
-    No other object has its centre there, as two share no space.
-    """
-    for track in tracks:
-        if track.attitude is None or not isinstance(track.attitude.shape, Capsule):
-            continue
-        capsule, axis = track.attitude.shape, track.attitude.rotation[:, 2]
-        away = place - track.mean[POSITION]
-        half = 0.5 * capsule.length
-        off = away - float(np.clip(away @ axis, -half, half)) * axis
-        if np.linalg.norm(off) < capsule.radius:
-            return True
-    return False
+    """Return whether a place (3,) is in one of the capsules that are followed."""
+    return any(
+        track.attitude is not None and is_inside(place, track.mean[POSITION], track.attitude)
+        for track in tracks
+    )

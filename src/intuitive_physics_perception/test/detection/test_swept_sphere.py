@@ -4,14 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
-from intuitive_physics_perception.detection.fitted_sphere import Start
-from intuitive_physics_perception.detection.foreground import ForegroundFinder
-from intuitive_physics_perception.detection.spheres import SphereFinder
 from intuitive_physics_perception.detection.swept_sphere import fit_sweep, unswept
-from intuitive_physics_perception.pipeline import PerceptionPipeline
-from intuitive_physics_perception.settings import PerceptionSettings
 
 NOISE = np.square([1e-3, 0.0, 1.0, 1e-5])
 SMALL = {"width": 400, "height_pixels": 300, "focal": 328.0}

@@ -102,8 +102,8 @@ def test_a_ball_before_another_hides_it(renderer):
 
 
 def test_a_swept_ball_covers_what_it_covers_for_half_of_the_exposure(renderer):
-    """On the middle line of its way a pixel sees a ball of radius r while |x - s t| < r: for half of
-    the exposure where |x| < r, as long as s < 4 r; so it is as long as at rest, and narrower."""
+    """On the middle line of its way a pixel sees a ball of radius r while |x - s t| < r: for half
+    of the exposure where |x| < r, as long as s < 4 r; so it is as long as at rest, and narrower."""
     camera = renderer.camera
     center = camera.position + 1.2 * camera.rotation[:, 2]
     radius, sweep = 0.05, 0.1 * camera.rotation[:, 0]

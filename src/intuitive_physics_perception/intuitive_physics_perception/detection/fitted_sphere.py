@@ -12,7 +12,6 @@ from intuitive_physics_perception.detection.cluster_view import ClusterView
 from intuitive_physics_perception.detection.detections import DetectedSphere, given_radius
 from intuitive_physics_perception.detection.sphere_fit import readings_beyond, refine_sphere
 from intuitive_physics_perception.detection.sphere_inspection import (
-    SECTORS,
     OutlineView,
     inspect_sphere,
     look_round_outline,
@@ -312,8 +311,7 @@ class SphereFitter:
         """Fit twice: the outline and the noise of the surface are known well only after the first
         fit. Where the cluster goes on past the outline, as into a hand, there is no outline: what
         lies outside of it there would draw the sphere to its side, and is left out if the sphere is
-        to be fitted `alone`. A growth of the edges then moves the centre to the other side, which
-        is no error that all frames share."""
+        to be fitted `alone`."""
         sphere = sweep.sphere
         limits = self._settings.min_radius, self._settings.max_radius
         shared = self._sharing * len(part.points) / part.total
@@ -323,7 +321,6 @@ class SphereFitter:
         if view.is_organised:
             sharing, growth, doubt = shared, EDGE_GROWTH * view.pixel, 1.0
         scale, noise, points = 1.0, self.noise, part.points
-        touched = np.zeros(SECTORS, dtype=bool)
         for first in (True, False):
             around, _ = view.around(sphere)
             beyond = readings_beyond(around, sphere, self.noise)
@@ -336,10 +333,8 @@ class SphereFitter:
             sphere = fit.sphere
             scale *= self._noise_scale(fit.misfit, fit.inliers / (1.0 + shared) - 4.0)
             noise = self.noise * [scale, scale, scale, 1.0]
-        grown, systematic = np.outer(fit.shift, fit.shift), SYSTEMATIC_ERROR**2 * np.eye(4)
-        covariance = doubt * fit.covariance + sweep.spread + grown + systematic
-        if not touched.any():
-            systematic = systematic + grown
+        systematic = np.outer(fit.shift, fit.shift) + SYSTEMATIC_ERROR**2 * np.eye(4)
+        covariance = doubt * fit.covariance + sweep.spread + systematic
         return SphereFit(sphere, covariance, systematic, scale, sweep.sweep)
 
     def _noise_scale(self, misfit: float, freedom: float) -> float:

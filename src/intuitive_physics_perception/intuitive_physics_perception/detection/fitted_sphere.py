@@ -19,6 +19,7 @@ from intuitive_physics_perception.detection.sphere_inspection import (
     touched_sectors,
 )
 from intuitive_physics_perception.detection.swept_sphere import (
+    SWEPT_DOUBT,
     Sweep,
     SweptView,
     fit_sweep,
@@ -334,6 +335,7 @@ class SphereFitter:
             scale *= self._noise_scale(fit.misfit, fit.inliers / (1.0 + shared) - 4.0)
             noise = self.noise * [scale, scale, scale, 1.0]
         systematic = np.outer(fit.shift, fit.shift) + SYSTEMATIC_ERROR**2 * np.eye(4)
+        doubt *= SWEPT_DOUBT if sweep.sweep.any() else 1.0
         covariance = doubt * fit.covariance + sweep.spread + systematic
         return SphereFit(sphere, covariance, systematic, scale, sweep.sweep)
 

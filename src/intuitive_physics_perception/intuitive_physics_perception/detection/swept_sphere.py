@@ -42,6 +42,16 @@ hand: the noise of an outline of ten pixels makes a tenth."""
 OUTLINE_ENDS = 0.01
 """Part of the readings beyond either end of an outline: its flickering edge. Set by hand."""
 
+OUTLINE_DEVIATION = 0.1
+"""Standard deviation of the radius with which the fit of a sweep begins, in radii: what an outline
+or earlier frames say, without which the surface of a ball of 60 readings, with a noise of a sixth
+of its radius, grows to any size. Set by hand."""
+
+SWEPT_DOUBT = 2.0
+"""Factor by which errors of a swept sphere have larger variances than the fit says, which takes the
+times of its readings as known. Set by hand: rendered balls of 30 to 60 mm at 3 to 8 m/s with 5 to
+15 ms have mean squared errors of 1.5 to 2.5 of these variances."""
+
 NEAR_SURFACE = 1.5
 """Radii along the ray about the centre within which a reading may be of the ball. Set by hand."""
 
@@ -207,14 +217,15 @@ def fit_sweep(
 
     A reading taken at t̄ has the row (n, 1, t̄ n), n the normal of the sphere there: its ends show
     the length of the sweep across the line of sight, their ranges the part along it. The sweep has
-    the prior mean `sweep` and the standard deviation `deviation` in each component. With the normal
+    the prior mean `sweep` and the standard deviation `deviation` in each component; the radius that
+    of `OUTLINE_DEVIATION`, as no outline takes part here. With the normal
     equations in blocks, A of the sphere and B between both, its covariance S makes the sphere
     differ by A⁻¹ B S Bᵀ A⁻¹.
 
     `points` (n, 3) m; `sphere` (4,) m and `sweep` (3,) m to begin from; `deviation` in m;
     `sharing`: as in `refine_sphere`.
     """
-    fitted = np.concatenate((sphere, sweep))
+    fitted, prior = np.concatenate((sphere, sweep)), OUTLINE_DEVIATION * sphere[3]
     normal, right, row = np.zeros((7, 7)), np.zeros(7), np.zeros(7)
     row[3] = 1.0
     for step in range(SWEEP_STEPS):
@@ -224,9 +235,8 @@ def fit_sweep(
         for a in range(3):
             normal[4 + a, 4 + a] = 1.0 / deviation**2
             right[4 + a] = (sweep[a] - fitted[4 + a]) / deviation**2
-        for a in range(4):
-            # A few readings on a line do not determine a sphere.
-            normal[a, a] = 1e-6
+        normal[3, 3] = 1.0 / prior**2
+        right[3] = (sphere[3] - fitted[3]) / prior**2
         now, way = fitted[:4], fitted[4:]
         for i in range(points.shape[0]):
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -241,12 +251,17 @@ def fit_sweep(
             )
             if error * error > gate * gate * variance or ahead < -BEHIND_SIGMAS * spread:
                 continue
-            dx, dy, dz = x - now[0], y - now[1], z - now[2]
-            scale = 1.0 / max(sqrt(dx * dx + dy * dy + dz * dz), 1e-9)
-            row[0], row[1], row[2] = dx * scale, dy * scale, dz * scale
+            # As in `sphere_fit`: the normal where the ray meets the sphere, free of the noise.
+            distance = sqrt(x * x + y * y + z * z)
+            within = sqrt(max(1.0 - sine * sine, 0.0))
+            meets = (distance + ahead - now[3] * within) / distance
+            scale = 1.0 / (now[3] * max(sine, 1.0))
+            row[0] = (x * meets - now[0]) * scale
+            row[1] = (y * meets - now[1]) * scale
+            row[2] = (z * meets - now[2]) * scale
             for a in range(3):
                 row[4 + a] = time * row[a]
-            shared = sharing * spread * spread * max(1.0 - sine * sine, 0.0)
+            shared = sharing * spread * spread * within * within
             weight = 1.0 / (variance + shared)
             for a in range(7):
                 right[a] += weight * row[a] * error

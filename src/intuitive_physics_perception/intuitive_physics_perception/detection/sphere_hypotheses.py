@@ -122,17 +122,15 @@ class SphereHypotheses:
     ) -> Iterator[Hypothesis]:
         """Spheres to begin fits from.
 
-        Those that are expected come first: with all readings that they may have, then with those
-        alone that they have whatever they touch, as in a hand. Then come those inside the outline,
-        where it is that of several objects that touch, the one that the outline suggests, those of
-        known radius, and the best random ones.
+        Those that are expected come first, then one that moves during the exposure, those inside
+        the outline, where it is that of several objects that touch, the one that the outline
+        suggests, those of known radius, and the best random ones.
 
         `readings` (n, 3) m, its points; `may_move`: whether what moves during the exposure may be
         new in it.
         """
         for start in expected:
             yield Hypothesis(self._fitter.part_near(readings, start), start)
-            yield Hypothesis(self._fitter.part_inside(readings, start), start)
         if effort is Effort.EXPECTED:
             return
         if may_move:

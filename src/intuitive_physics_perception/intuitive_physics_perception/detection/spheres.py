@@ -208,7 +208,7 @@ class SphereFinder:
             if part.total < self._settings.min_points:
                 continue
             view = ClusterView(points, cluster, self._before)
-            detected = self._fitter.fitted(view, part, start)
+            detected = self._fitter.fitted(view, part, replace(start, size_is_known=True))
             if detected is not None:
                 return detected
         return None

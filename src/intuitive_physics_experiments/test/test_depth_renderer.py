@@ -101,6 +101,23 @@ def test_a_ball_before_another_hides_it(renderer):
     assert nothing.region.empty
 
 
+def test_a_swept_ball_covers_what_it_covers_for_half_of_the_exposure(renderer):
+    """On the middle line of its way a pixel sees a ball of radius r while |x - s t| < r: for half
+    of the exposure where |x| < r, as long as s < 4 r; so it is as long as at rest, and narrower."""
+    camera = renderer.camera
+    center = camera.position + 1.2 * camera.rotation[:, 2]
+    radius, sweep = 0.05, 0.1 * camera.rotation[:, 0]
+    at_rest = renderer.render_balls([center], [radius]).owner == 0
+    swept = renderer.render_balls([center], [radius], [sweep]).owner == 0
+    still = renderer.render_balls([center], [radius], [np.zeros(3)])
+    assert np.array_equal(still.owner == 0, at_rest)
+    length, width = np.ptp(np.argwhere(swept), axis=0)[::-1]
+    pixels = 2.0 * camera.focal_length * radius / 1.2
+    assert length == pytest.approx(pixels, abs=3.0)
+    # |x - s t| < w at the height h, w² = r² - h²: for less than half where 2 w < s / 2.
+    assert width == pytest.approx(pixels * np.sqrt(1.0 - (0.1 / 4 / radius) ** 2), abs=3.0)
+
+
 def test_a_static_box_is_part_of_the_background(renderer):
     camera = renderer.camera
     planes = corner_environment().planes

@@ -10,6 +10,7 @@ from intuitive_physics_perception.appearance.sphere_image import sphere_image
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
 from intuitive_physics_perception.detection.box_fit import find_faces
 from intuitive_physics_perception.detection.detections import DetectedSphere
+from intuitive_physics_perception.detection.swept_sphere import fit_sweep, unswept
 from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.compressed import unpack_rvl
 from intuitive_physics_perception.input.depth import points_from_depth
@@ -44,6 +45,7 @@ def warm_up() -> None:
     for k, points in enumerate([*frames[:2], *frames[1:], *clouds]):
         pipeline.process(points, 0.1 * k)
     _look_at_ball(frames[1])
+    _fit_swept_ball(frames[1])
     unpack_rvl(np.zeros(1, dtype="<u4"), 1)
     find_faces(_corner(), np.full(300, 1e-3), np.random.default_rng(0))
 
@@ -61,6 +63,15 @@ def _with_ball(depth: NDArray[np.float32], rays: NDArray[np.float32]) -> NDArray
     root = 1.5**2 - length2 * (1.5**2 - 0.2**2)
     ball = (1.5 - np.sqrt(np.maximum(root, 0.0))) / length2
     return np.where(root > 0.0, ball, depth).astype(np.float32)
+
+
+def _fit_swept_ball(points: NDArray[np.float32]) -> None:
+    """Fit the ball of `_with_ball` as one that moves during the exposure."""
+    readings = points[points[..., 2] < 1.6]
+    sphere, sweep = np.array([0.0, 0.0, 1.5, 0.2]), np.array([0.05, 0.0, 0.0])
+    fit_sweep(readings.astype(np.float64), sphere, sweep, 0.1, np.full(4, 1e-6), 0.0)
+    for kind in (np.float32, np.float64):
+        unswept(readings.astype(kind), sphere, sweep)
 
 
 def _look_at_ball(points: NDArray[np.float32]) -> None:

@@ -49,7 +49,7 @@ from intuitive_physics_perception.tracking.episodes import Episode, EpisodeRecor
 from intuitive_physics_perception.tracking.motion import PLACED, POSITION, RADIUS
 from intuitive_physics_perception.tracking.motion_fits import noise_factor
 from intuitive_physics_perception.tracking.track import Track
-from intuitive_physics_perception.tracking.tracker import RADIUS_GATE, Tracker
+from intuitive_physics_perception.tracking.tracker import Tracker
 
 MIN_VISIBLE = 0.1
 """Part of the readings, relative to the first frames, that nothing may hide: with fewer the planes
@@ -67,10 +67,6 @@ pass after the release before the ball is apart from the hand all round its outl
 
 HINDSIGHT_FRAMES = 2
 """Old frames that are searched in each new one, which bounds its time."""
-
-HINDSIGHT_GATE = 0.5
-"""Largest distance of a ball, in radii, from a straight line through its next two places: a hand
-that accelerates by 30 m/s² moves it by 16 mm in 1/30 s."""
 
 CHECKED_POINTS = 1200
 """Points of each frame, evenly over it, that are compared with the planes: bounds the time."""
@@ -267,10 +263,7 @@ class ModelledScene:
 
         `points` (height, width, 3) m; `time` in s; `budget`: of the frame.
         """
-        expected = [
-            np.append(self.model.to_sensor(sphere[:3]), sphere[3])
-            for sphere in self.tracker.expected_spheres(time)
-        ]
+        expected = [start.seen_from(self.model) for start in self.tracker.expected_spheres(time)]
         if self.is_at_home:
             self._recent.keep(time, points, clusters)
         return self.stages.spheres.find(points, clusters, SEARCHES_IN_FRAME, expected, budget)
@@ -315,38 +308,38 @@ class ModelledScene:
         return averaged.moved(self.model.rotation.T, self.model.to_sensor(np.zeros(3)))
 
     def look_back(self) -> None:
-        """Search the frames before each new ball was first detected, a few in each new frame.
+        """Search the newest frames for each ball where it was not seen, a few in each new frame.
 
         Beside the hand that releases it a ball is not yet an object of its own, but it is found
         where it must have been.
         """
         for track in self.tracker.tracks:
             for _ in range(HINDSIGHT_FRAMES):
-                if track.earlier is not None and not self._extends_backwards(track):
+                if track.earlier is not None and not self._searches_backwards(track):
                     self.tracker.take_earlier(track)
 
-    def _extends_backwards(self, track: Track) -> bool:
-        """Take a detection from the frame before a track begins; False where there is none."""
-        first_two = track.detections[:2]
-        frame = self._recent.before(first_two[0][0])
-        if track.earlier is None or track.kind != "sphere" or len(first_two) < 2 or frame is None:
+    def _searches_backwards(self, track: Track) -> bool:
+        """Search the newest frame before those that were searched for a track; False where there
+        is none in which it can be expected."""
+        seen = {time for time, _ in track.detections}
+        frame = self._recent.before(track.searched_until)
+        while frame is not None and frame[0] in seen:
+            frame = self._recent.before(frame[0])
+        if frame is None or track.earlier is None:
             return False
-        (first, at_first), (second, at_second) = first_two
         time, points, clusters = frame
-        velocity = (at_second.center - at_first.center) / (second - first)
-        place = at_first.center + (time - first) * velocity
-        radius = float(track.mean[RADIUS])
-        detected = self.stages.spheres.find_expected(
-            points, clusters, np.append(self.model.to_sensor(place), radius)
-        )
-        if detected is None:
+        expected = self.tracker.expected_before(track, time)
+        if expected is None and time < min(seen):
             return False
-        detection = detected.moved(self.model.rotation, self.model.translation)
-        deviation = np.sqrt(detection.covariance[3, 3] + track.radius_variance)
-        same = np.linalg.norm(detection.center - place) < HINDSIGHT_GATE * radius
-        if not same or abs(detection.radius - radius) > RADIUS_GATE * deviation:
-            return False
-        track.earlier.append((time, detection))
+        track.searched_until = time
+        if expected is None:
+            return True
+        start = expected.start.seen_from(self.model)
+        detected = self.stages.spheres.find_expected(points, clusters, start)
+        if detected is not None:
+            detection = detected.moved(self.model.rotation, self.model.translation)
+            if self.tracker.is_same(track, detection, expected):
+                track.earlier.append((time, detection))
         return True
 
     def restart_tracking(self, first_track: int) -> None:

@@ -139,6 +139,13 @@ class PerceptionSettings:
         "the default is NAMESPACE/intuitive_physics/environment",
     )
 
+    exposure: float = number(
+        0.0,
+        0.0,
+        0.1,
+        "time for which the sensor exposes a frame, with the stamp in its middle: what moves fast "
+        "is swept along its way meanwhile, s; 0: it freezes all motion",
+    )
     min_radius: float = number(0.015, 0.001, 10.0, "smallest radius of a sphere, m")
     max_radius: float = number(0.40, 0.001, 10.0, "largest radius of a sphere, m")
     min_points: int = number(30, 8, 100000, "points a sphere needs at least")

@@ -149,6 +149,36 @@ class BallShape:
 
 
 @dataclass
+class SweptBallShape:
+    """A ball that goes straight from `center - sweep / 2` to `center + sweep / 2` in the exposure.
+
+    A pixel reads the mean depth over the time in which it sees the ball, where that is a share of
+    the exposure above `least`.
+    """
+
+    center: Sequence[float]
+    radius: float
+    sweep: Sequence[float]
+    least: float = 0.0
+    instants: int = 33
+
+    def hit(self, origin: NDArray, rays: NDArray) -> tuple[NDArray, NDArray]:
+        times = (np.arange(self.instants) + 0.5) / self.instants - 0.5
+        total, cosines = np.zeros(rays.shape[:2]), np.zeros(rays.shape[:2])
+        count = np.zeros(rays.shape[:2])
+        for time in times:
+            ball = BallShape(np.asarray(self.center) + time * np.asarray(self.sweep), self.radius)
+            t, cosine = ball.hit(origin, rays)
+            hit = np.isfinite(t)
+            total[hit] += t[hit]
+            cosines[hit] += cosine[hit]
+            count += hit
+        seen = np.maximum(count, 1)
+        kept = count > self.least * self.instants
+        return np.where(kept, total / seen, np.inf), cosines / seen
+
+
+@dataclass
 class BowlShape:
     """The half of a sphere's inside that opens towards the camera."""
 
@@ -258,6 +288,7 @@ def pipeline() -> PerceptionPipeline:
 def shapes() -> dict[str, type]:
     return {
         "ball": BallShape,
+        "swept": SweptBallShape,
         "bowl": BowlShape,
         "cylinder": CylinderShape,
         "box": BoxShape,

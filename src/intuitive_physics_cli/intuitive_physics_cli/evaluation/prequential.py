@@ -40,7 +40,6 @@ from intuitive_physics_perception.tracking.attitude import (
     Attitude,
 )
 from intuitive_physics_perception.tracking.free_motion import FreeMotion, Record
-from intuitive_physics_perception.tracking.initial_state import state_at
 from intuitive_physics_predictor.estimation.object_estimate import SceneEstimate, Surroundings
 from intuitive_physics_predictor.estimation.weighted_states import WeightedStates
 from intuitive_physics_predictor.parameter_uncertainty import UncertainParameters
@@ -183,7 +182,7 @@ def _states(
             return None
         record = _record(item, detections, detections.times <= time, observation.start_time)
         free = FreeMotion(record, observation.environment)
-        state = state_at(record, time, free, settings)
+        state = free.state_at(time, settings)
         if state is None:
             return None
         states.append(state)

@@ -37,6 +37,7 @@ class RenderSettings:
     throws: int = 12  # number of throws, the materials in turn
     seed: int = 0  # of throws and noise
     frame_rate: float = 30.0  # Hz
+    exposure: float = 0.0  # s, in the middle of which each stamp is: balls are swept meanwhile
     lead_in: float = 1.0  # s of empty scene at the start, for modelling the environment
     throw_duration: float = 2.4  # s from hand to end
     pause: float = 0.6  # s without a ball after each throw
@@ -49,6 +50,11 @@ class RenderSettings:
             raise InvalidInputError(f"seed is {self.seed}; expected 0 or more")
         for name in ("frame_rate", "throw_duration", "pause", "lead_in"):
             positive_float(getattr(self, name), name.replace("_", " "))
+        if not 0.0 <= self.exposure < 1.0 / self.frame_rate:
+            raise InvalidInputError(
+                f"exposure is {self.exposure:g} s at {self.frame_rate:g} frames a second; expected "
+                "0 or more, and less than the time between two frames"
+            )
 
 
 def render_bag(
@@ -152,10 +158,22 @@ def _write_frames(
         for frame in range(frames):
             time = frame / settings.frame_rate
             centers, radii = balls_at(truth.throws, time)
-            rendered = renderer.render_balls(centers, radii)
+            rendered = renderer.render_balls(
+                centers, radii, _sweeps(truth.throws, time, settings.exposure)
+            )
             image = sensor.read(rendered.image, rendered.region)
             writer.write(truth.start_time + round(time * 1e9), image)
             report_progress(frame + 1, frames)
+
+
+def _sweeps(throws: Sequence[Throw], time: float, exposure: float) -> list[NDArray[np.float64]]:
+    """Ways (3,) m of the balls there are at a time, s, during an exposure, s."""
+    there = [throw for throw in throws if throw.start_time <= time <= throw.end_time]
+    ends = time + 0.5 * exposure * np.array([-1.0, 1.0])
+    places = (
+        throw.positions_at(np.clip(ends, throw.start_time, throw.end_time)) for throw in there
+    )
+    return [after - before for before, after in places]
 
 
 def balls_at(throws: Sequence[Throw], time: float) -> tuple[list[NDArray[np.float64]], list[float]]:

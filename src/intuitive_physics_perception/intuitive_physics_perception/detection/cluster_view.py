@@ -34,7 +34,7 @@ class ClusterView:
         cluster: NDArray[np.int64],
         before: NDArray[np.float32] | None = None,
     ) -> None:
-        self._before = before
+        self.before = before
         self._last_cone: tuple[NDArray[np.float64], float, NDArray[np.int64]] | None = None
         self.points = points
         self.cluster = cluster
@@ -79,8 +79,8 @@ class ClusterView:
         window = self._window(sphere)
         points = np.ascontiguousarray(self.points[window]).reshape(-1, 3)
         before = np.full(len(points), np.nan, dtype=np.float32)
-        if self._before is not None:
-            before = self._before[window].ravel()
+        if self.before is not None:
+            before = self.before[window].ravel()
         return points, in_cluster[window].ravel(), before
 
     def _window(self, sphere: NDArray[np.float64]) -> tuple[slice, slice]:
@@ -127,12 +127,6 @@ class ClusterView:
         pixels = float(np.hypot(np.ptp(rows), np.ptp(columns)))
         extent = float(np.linalg.norm(np.ptp(self._directions, axis=0)))
         return max(extent / max(pixels, 1.0), 1e-6)
-
-
-def passing(points: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far from a place (3,) m the rays to points (n, 3) m pass, (n,) m."""
-    along = points @ place / np.linalg.norm(points, axis=1)
-    return np.asarray(np.sqrt(np.maximum(place @ place - along**2, 0.0)))
 
 
 @allocating_entry

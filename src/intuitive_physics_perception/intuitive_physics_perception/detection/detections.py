@@ -23,6 +23,8 @@ class DetectedSphere:
     range : m from the sensor to the centre
     color : (3,) mean red, green and blue, 0 to 1; None where unknown
     systematic : (4, 4) m², the part of the covariance that all frames share
+    sweep : (3,) m, way of the centre during the exposure, in the middle of which it is at `center`;
+        either end may be the first
     """
 
     center: NDArray[np.float64]
@@ -32,11 +34,19 @@ class DetectedSphere:
     range: float
     color: NDArray[np.float64] | None = None
     systematic: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4)))
+    sweep: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 
     @property
     def numbers(self) -> NDArray[np.float64]:
         """Centre and radius in one array (4,) m."""
         return np.append(self.center, self.radius)
+
+    def distances(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return how far points (n, 3) m are from the nearest place of the centre, (n,) m."""
+        away = points - self.center
+        length2 = max(float(self.sweep @ self.sweep), 1e-12)
+        when = np.clip(away @ self.sweep / length2, -0.5, 0.5)
+        return np.asarray(np.linalg.norm(away - when[:, None] * self.sweep, axis=1))
 
     def moved(
         self, rotation: NDArray[np.float64], translation: NDArray[np.float64]
@@ -53,6 +63,7 @@ class DetectedSphere:
         return replace(
             self,
             center=rotation @ self.center + translation,
+            sweep=rotation @ self.sweep,
             covariance=turn @ self.covariance @ turn.T,
             systematic=turn @ self.systematic @ turn.T,
         )

@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_perception.detection.cluster_view import ClusterView, passing
+from intuitive_physics_perception.detection.cluster_view import ClusterView
 from intuitive_physics_perception.detection.detections import DetectedSphere, given_radius
 from intuitive_physics_perception.detection.sphere_fit import readings_beyond, refine_sphere
 from intuitive_physics_perception.detection.sphere_inspection import (
+    OutlineView,
     inspect_sphere,
     look_round_outline,
+    outside_in_sectors,
+    touched_sectors,
 )
+from intuitive_physics_perception.detection.swept_sphere import (
+    SWEPT_DOUBT,
+    Sweep,
+    SweptView,
+    fit_sweep,
+    passing_way,
+    unswept,
+)
+from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -105,6 +117,33 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
+class Start:
+    """A sphere to begin a fit from.
+
+    Parameters
+    ----------
+    sphere : (4,) m, centre and radius
+    sweep : (3,) m, way of its centre during the exposure; either end may be the first
+    sweep_deviation : standard deviation of each component of the sweep, m; 0 where it is exact
+    size_is_known : whether other frames have shown its radius, so that this one need not
+    """
+
+    sphere: NDArray[np.float64]
+    sweep: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    sweep_deviation: float = 0.0
+    size_is_known: bool = False
+
+    def seen_from(self, model: EnvironmentModel) -> Start:
+        """Return it in the sensor's frame."""
+        place = model.to_sensor(self.sphere[:3])
+        return replace(
+            self,
+            sphere=np.append(place, self.sphere[3]),
+            sweep=self.sweep @ model.rotation,
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class SphereFit:
     """A sphere that fits some readings.
 
@@ -114,12 +153,14 @@ class SphereFit:
     covariance : (4, 4) m²
     systematic : (4, 4) m², the part of the covariance that all frames share
     noise_scale : variance of its readings along their rays, in that assumed
+    sweep : (3,) m, way of its centre during the exposure
     """
 
     sphere: NDArray[np.float64]
     covariance: NDArray[np.float64]
     systematic: NDArray[np.float64]
     noise_scale: float = 1.0
+    sweep: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 
     def with_known_radius(self, radii: Sequence[float], tolerance: float) -> SphereFit:
         """Return the fit, given that some radii are known.
@@ -150,7 +191,9 @@ class SphereFit:
             radii[nearest],
             RADIUS_DEVIATION,
         )
-        return SphereFit(sphere, frame_part + systematic, systematic, self.noise_scale)
+        return replace(
+            self, sphere=sphere, covariance=frame_part + systematic, systematic=systematic
+        )
 
 
 class SphereFitter:
@@ -179,25 +222,41 @@ class SphereFitter:
         self,
         view: ClusterView,
         part: Part,
-        hypothesis: NDArray[np.float64],
+        start: Start,
         most_goes_on: float = NEW_GOES_ON,
-        *,
-        size_is_known: bool = False,
     ) -> DetectedSphere | None:
-        """Return the sphere that a hypothesis becomes on a part of a cluster; None where that is no
+        """Return the sphere that a start becomes on a part of a cluster; None where that is no
         object.
 
-        `hypothesis` (4,) m, centre and radius to begin from; `most_goes_on`: part of the ring round
-        its outline in which the cluster may go on at most; `size_is_known`: whether the
-        radius is known from other frames, so that this one need not show it.
+        `most_goes_on`: part of the ring round its outline in which the cluster may go on at most.
         """
-        fit = self._refined(view, part, hypothesis)
+        swept = self._swept(view, part, start)
+        if swept is None:
+            return None
+        followed = start.size_is_known
+        sphere = self._judged(swept, most_goes_on, followed=followed, alone=followed)
+        if sphere is None or followed:
+            return sphere
+        # What may be no ball is judged by all readings, but measured without those beside it.
+        return self._judged(swept, most_goes_on, followed=False, alone=True) or sphere
+
+    def _judged(
+        self,
+        swept: tuple[ClusterView, Part, Sweep],
+        most_goes_on: float,
+        *,
+        followed: bool,
+        alone: bool,
+    ) -> DetectedSphere | None:
+        """The sphere that fits the readings, or those alone that are not of what it touches; None
+        where it is no object."""
+        fit = self._refined(*swept, alone=alone)
         if fit is None:
             return None
         fit = fit.with_known_radius(self.known_radii, self._settings.known_object_tolerance)
-        if not self._is_plausible(fit, size_is_known=size_is_known):
+        if not self._is_plausible(fit, size_is_known=followed):
             return None
-        return self._inspected(view, fit, most_goes_on)
+        return self._inspected(swept[0], fit, most_goes_on)
 
     def part(self, points: NDArray[np.float64]) -> Part:
         """Return as many of some points as a sphere is fitted to.
@@ -206,21 +265,22 @@ class SphereFitter:
         """
         return Part(self.some(points, FITTED_POINTS), len(points))
 
-    def part_near(self, points: NDArray[np.float64], sphere: NDArray[np.float64]) -> Part:
+    def part_near(self, points: NDArray[np.float64], start: Start) -> Part:
         """Return as many of those points whose rays meet a sphere, or hardly miss it.
 
-        `points` (n, 3) m; `sphere` (4,) m, centre and radius.
+        `points` (n, 3) m.
         """
-        reach = EXPECTED_REACH * sphere[3]
-        reach += STRAY_SIGMAS * np.sqrt(self.noise[3]) * np.linalg.norm(sphere[:3])
-        return self.part(points[passing(points, sphere[:3]) < reach])
+        reach = EXPECTED_REACH * start.sphere[3]
+        reach += STRAY_SIGMAS * np.sqrt(self.noise[3]) * np.linalg.norm(start.sphere[:3])
+        return self.part(points[passing_way(points, start.sphere[:3], start.sweep) < reach])
 
-    def part_inside(self, points: NDArray[np.float64], sphere: NDArray[np.float64]) -> Part:
+    def part_inside(self, points: NDArray[np.float64], start: Start) -> Part:
         """Return as many of those points whose rays meet a sphere well inside its outline.
 
-        `points` (n, 3) m; `sphere` (4,) m, centre and radius.
+        `points` (n, 3) m.
         """
-        return self.part(points[passing(points, sphere[:3]) < INSIDE * sphere[3]])
+        reach = INSIDE * start.sphere[3]
+        return self.part(points[passing_way(points, start.sphere[:3], start.sweep) < reach])
 
     def some(self, points: NDArray[np.float64], count: int) -> NDArray[np.float64]:
         """Return at most `count` random ones, (m, 3) m, of points (n, 3) m."""
@@ -228,11 +288,32 @@ class SphereFitter:
             return points
         return points[self._rng.choice(len(points), count, replace=False)]
 
+    def _swept(
+        self, view: ClusterView, part: Part, start: Start
+    ) -> tuple[ClusterView, Part, Sweep] | None:
+        """Readings as of a ball that rests in the middle of the exposure, and its sweep; None where
+        none fits that an object may have."""
+        at_rest = Sweep(start.sphere, np.zeros(3), np.zeros((4, 4)))
+        if start.sweep_deviation == 0.0:
+            return view, part, at_rest
+        if len(part.points) < self._settings.min_points:
+            return None
+        deviation, sharing = start.sweep_deviation, self._sharing * len(part.points) / part.total
+        sweep = fit_sweep(part.points, start.sphere, start.sweep, deviation, self.noise, sharing)
+        length = float(np.linalg.norm(sweep.sweep))
+        if not length <= self._settings.max_speed * self._settings.exposure:
+            return None
+        moved = Part(unswept(part.points, sweep.sphere, sweep.sweep), part.total)
+        return SweptView(view, sweep.sphere, sweep.sweep), moved, sweep
+
     def _refined(
-        self, view: ClusterView, part: Part, sphere: NDArray[np.float64]
+        self, view: ClusterView, part: Part, sweep: Sweep, *, alone: bool
     ) -> SphereFit | None:
         """Fit twice: the outline and the noise of the surface are known well only after the first
-        fit."""
+        fit. Where the cluster goes on past the outline, as into a hand, there is no outline: what
+        lies outside of it there would draw the sphere to its side, and is left out if the sphere is
+        to be fitted `alone`."""
+        sphere = sweep.sphere
         limits = self._settings.min_radius, self._settings.max_radius
         shared = self._sharing * len(part.points) / part.total
         # Readings that are no image share nothing with neighbours as a rule, and the edges that a
@@ -240,18 +321,23 @@ class SphereFitter:
         sharing, growth, doubt = 0.0, 0.0, 1.0 + shared
         if view.is_organised:
             sharing, growth, doubt = shared, EDGE_GROWTH * view.pixel, 1.0
-        scale, noise = 1.0, self.noise
-        for _ in range(2):
+        scale, noise, points = 1.0, self.noise, part.points
+        for first in (True, False):
             around, _ = view.around(sphere)
             beyond = readings_beyond(around, sphere, self.noise)
-            fit = refine_sphere(part.points, beyond, sphere, *limits, noise, sharing, growth)
+            if alone and not first:
+                touched = touched_sectors(self._outline(view, sphere))
+                points = points[~outside_in_sectors(points, sphere, touched)]
+            fit = refine_sphere(points, beyond, sphere, *limits, noise, sharing, growth)
             if not fit.inliers or fit.misfit * scale > self._settings.max_misfit:
                 return None
             sphere = fit.sphere
             scale *= self._noise_scale(fit.misfit, fit.inliers / (1.0 + shared) - 4.0)
             noise = self.noise * [scale, scale, scale, 1.0]
         systematic = np.outer(fit.shift, fit.shift) + SYSTEMATIC_ERROR**2 * np.eye(4)
-        return SphereFit(sphere, doubt * fit.covariance + systematic, systematic, scale)
+        doubt *= SWEPT_DOUBT if sweep.sweep.any() else 1.0
+        covariance = doubt * fit.covariance + sweep.spread + systematic
+        return SphereFit(sphere, covariance, systematic, scale, sweep.sweep)
 
     def _noise_scale(self, misfit: float, freedom: float) -> float:
         """Factor by which the variance of a surface's readings differs from the assumed one, as
@@ -293,6 +379,7 @@ class SphereFitter:
             each * inspection.on,
             float(np.linalg.norm(sphere[:3])),
             systematic=fit.systematic,
+            sweep=fit.sweep,
         )
 
     def _is_object(
@@ -305,17 +392,21 @@ class SphereFitter:
         its outline and be seen as a whole.
         """
         sphere = fit.sphere
-        outline = look_round_outline(*view.surroundings(sphere), sphere, view.pixel, self.noise)
+        outline = self._outline(view, sphere)
         if self._misfit_of(outline.patches, fit) > SHAPE_MISFIT:
             return False
+        goes_on = float(np.mean(outline.going_on > 0.5))
         if not self._knows_before or outline.new > NEW_READINGS:
-            return outline.goes_on <= most_goes_on
+            return goes_on <= most_goes_on
         return (
-            outline.goes_on <= STATIC_GOES_ON
+            goes_on <= STATIC_GOES_ON
             and outline.level <= STATIC_LEVEL
             and outline.ends >= STATIC_ENDS
             and visible >= STATIC_VISIBLE
         )
+
+    def _outline(self, view: ClusterView, sphere: NDArray[np.float64]) -> OutlineView:
+        return look_round_outline(*view.surroundings(sphere), sphere, view.pixel, self.noise)
 
     def _misfit_of(self, patches: NDArray[np.float64], fit: SphereFit) -> float:
         """Mean squared error of the surface's patches (n, 3) of `OutlineView`, in variances.

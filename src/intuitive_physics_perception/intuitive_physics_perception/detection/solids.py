@@ -157,8 +157,7 @@ class ObjectInFrame:
         """Return which points (m,) of the frame (height, width, 3) show it."""
         if isinstance(self.detection, DetectedSolid):
             return self.cluster
-        center = self.detection.center.astype(np.float32)
-        away = np.linalg.norm(points.reshape(-1, 3)[self.cluster] - center, axis=1)
+        away = self.detection.distances(points.reshape(-1, 3)[self.cluster])
         return self.cluster[away < PIXELS_REACH * self.detection.radius]
 
 
@@ -220,6 +219,6 @@ def with_color(
     rows, columns = np.divmod(cluster, points.shape[1])
     chosen = colors[rows, columns]
     if isinstance(detection, DetectedSphere):
-        away = np.linalg.norm(points[rows, columns] - detection.center, axis=1)
+        away = detection.distances(points[rows, columns])
         chosen = chosen[away < COLORED_REACH * detection.radius]
     return replace(detection, color=chosen.mean(axis=0) / 255.0) if len(chosen) else detection

@@ -8,6 +8,7 @@ as in `sphere_fit`.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from enum import Enum
 from math import sqrt
 from typing import Any
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.kernels import allocating_entry, allocating_kernel
 from intuitive_physics_perception.detection.cluster_view import ClusterView
-from intuitive_physics_perception.detection.fitted_sphere import Part, SphereFitter
+from intuitive_physics_perception.detection.fitted_sphere import Part, SphereFitter, Start
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.sphere_fit import (
     BEHIND_SIGMAS,
@@ -25,6 +26,7 @@ from intuitive_physics_perception.detection.sphere_fit import (
     surface_error,
 )
 from intuitive_physics_perception.detection.sphere_inspection import inspect_sphere
+from intuitive_physics_perception.detection.swept_sphere import swept_outline
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SCORED_POINTS = 512
@@ -43,6 +45,9 @@ ROUGHLY_ON = 0.6
 ALIKE = 0.2
 """Difference of centres and radii, in radii, of hypotheses of which only one is fitted: the widest
 gate of a fit reaches farther. Set by hand."""
+
+SPEED_SIGMAS = 3.0
+"""Standard deviations of an unknown speed that `max_speed` is."""
 
 LARGEST_SINE = 0.9
 """Sine of the half angle of an outline at most: numerical, a sensor inside a sphere sees none."""
@@ -79,6 +84,22 @@ class Effort(Enum):
     RANDOM = 2
 
 
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A sphere to begin a fit from in a cluster.
+
+    Parameters
+    ----------
+    part : of the cluster, to which it is fitted
+    start : of the fit
+    must_end : whether it must end where no other sphere touches it
+    """
+
+    part: Part
+    start: Start
+    must_end: bool = False
+
+
 class SphereHypotheses:
     """Suggests spheres in clusters."""
 
@@ -93,31 +114,35 @@ class SphereHypotheses:
         self,
         view: ClusterView,
         readings: NDArray[np.float64],
-        expected: Sequence[NDArray[np.float64]],
+        expected: Sequence[Start],
         effort: Effort,
         budget: FrameBudget,
-    ) -> Iterator[tuple[Part, NDArray[np.float64], bool]]:
-        """Spheres (4,) to begin fits from, the part of the cluster to fit them to, and whether they
-        must end where no other sphere touches them.
+        *,
+        may_move: bool,
+    ) -> Iterator[Hypothesis]:
+        """Spheres to begin fits from.
 
-        Those that are expected come first, then those inside the outline, where it is that of
-        several objects that touch, the one that the outline suggests, those of known radius, and
-        the best random ones.
+        Those that are expected come first, then one that moves during the exposure, those inside
+        the outline, where it is that of several objects that touch, the one that the outline
+        suggests, those of known radius, and the best random ones.
 
-        `readings` (n, 3) m, its points; `expected` (4,) each, centre and radius in m.
+        `readings` (n, 3) m, its points; `may_move`: whether what moves during the exposure may be
+        new in it.
         """
-        for sphere in expected:
-            yield self._fitter.part_near(readings, sphere), sphere, False
+        for start in expected:
+            yield Hypothesis(self._fitter.part_near(readings, start), start)
         if effort is Effort.EXPECTED:
             return
+        if may_move:
+            yield from self._swept(readings)
         inscribed = self._inscribed(view)
         if len(inscribed) > 1:
-            for sphere in inscribed:
-                yield self._fitter.part_near(readings, sphere), sphere, True
+            for start in map(Start, inscribed):
+                yield Hypothesis(self._fitter.part_near(readings, start), start, must_end=True)
         whole = self._fitter.part(readings)
-        yield whole, outline_sphere(whole.points), False
+        yield Hypothesis(whole, Start(outline_sphere(whole.points)))
         for sphere in spheres_of_radius(whole.points, self._fitter.known_radii):
-            yield whole, sphere, False
+            yield Hypothesis(whole, Start(sphere))
         if effort is Effort.OUTLINE:
             return
         limits = self._settings.min_radius, self._settings.max_radius
@@ -142,7 +167,16 @@ class SphereHypotheses:
                 continue
             if self._explains(single, sphere):
                 tried.append(sphere)
-                yield whole, sphere, False
+                yield Hypothesis(whole, Start(sphere))
+
+    def _swept(self, readings: NDArray[np.float64]) -> Iterator[Hypothesis]:
+        """The ball that an outline suggests that is longer than wide; nothing is known of the
+        sweep along the line of sight."""
+        settings = self._settings
+        suggested = swept_outline(readings) if settings.exposure > 0.0 else None
+        if suggested is not None:
+            deviation = settings.max_speed * settings.exposure / SPEED_SIGMAS
+            yield Hypothesis(self._fitter.part(readings), Start(*suggested, deviation))
 
     def _inscribed(self, view: ClusterView) -> list[NDArray[np.float64]]:
         if not view.is_organised:

@@ -9,8 +9,9 @@ from math import atan2, pi, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from intuitive_physics.kernels import allocating_entry, allocating_kernel, kernel
+from intuitive_physics.kernels import allocating_entry, allocating_kernel, inlined, kernel
 from intuitive_physics_perception.detection.sphere_fit import (
     BEHIND_SIGMAS,
     INLIER_SIGMAS,
@@ -42,6 +43,10 @@ its size has 2 to 3 of them in common with it."""
 RING_WIDTH = 0.35
 """Radii over which the ring outside the outline reaches: a neighbour of the same size in contact
 covers a seventh of it. Set by hand."""
+
+TOUCHED = 0.1
+"""Part of a sector in which the cluster goes on from which on something touches the outline there.
+Set by hand: the ring begins where the flickering edge of a free ball does not reach."""
 
 PATCH_RINGS = 3
 """Rings of equal area, each of `SECTORS` patches, into which the disc of a sphere is divided."""
@@ -75,7 +80,7 @@ class OutlineView(NamedTuple):
 
     Parameters
     ----------
-    goes_on : part of the ring's sectors in which the cluster goes on past the outline
+    going_on : (SECTORS,) part of each sector of the ring in which the cluster goes on
     level : part of the ring's sectors in which any surface goes on past the outline, as a plate
         does round a bulge
     ends : part of the ring's sectors in which what is read lies behind all that could go on
@@ -85,7 +90,7 @@ class OutlineView(NamedTuple):
         m, and mean variance of that distance, m², by patch of the disc
     """
 
-    goes_on: float
+    going_on: Any
     level: float
     ends: float
     new: float
@@ -170,6 +175,12 @@ def _marked_parts(seen: Any, read: Any) -> tuple[float, float]:
     return marked / total, filled / max(enclosed, 1)
 
 
+@inlined
+def _sector(a: float, b: float) -> int:
+    """Number of the sector in which a place across the line of sight lies."""
+    return int((atan2(b, a) + pi) / (2.0 * pi) * SECTORS) % SECTORS
+
+
 @allocating_entry
 def look_round_outline(
     points: Any, own: Any, before: Any, sphere: Any, pixel: float, noise: Any
@@ -206,7 +217,7 @@ def look_round_outline(
             continue
         a = x * across[0] + y * across[1] + z * across[2]
         b = x * upwards[0] + y * upwards[1] + z * upwards[2]
-        sector = int((atan2(b, a) + pi) / (2.0 * pi) * SECTORS) % SECTORS
+        sector = _sector(a, b)
         if sine <= 1.0:
             if error * error > INLIER_SIGMAS**2 * variance or ahead < -BEHIND_SIGMAS * deviation:
                 continue
@@ -226,13 +237,42 @@ def look_round_outline(
             total[sector] += 1
             near[sector] += ahead > -behind
             same[sector] += own[i] != 0 and ahead > -behind
-    goes_on, level, ends = 0, 0, 0
+    level, ends = 0, 0
     for k in range(SECTORS):
-        goes_on += 2 * same[k] > total[k]
         level += 2 * near[k] > total[k]
         ends += 2 * near[k] <= total[k] and total[k] > 0
     for k in range(patches.shape[0]):
         patches[k, 1:] /= max(patches[k, 0], 1.0)
     return OutlineView(
-        goes_on / SECTORS, level / SECTORS, ends / SECTORS, new / max(on_surface, 1), patches
+        same / np.maximum(total, 1),
+        level / SECTORS,
+        ends / SECTORS,
+        new / max(on_surface, 1),
+        patches,
     )
+
+
+def touched_sectors(view: OutlineView) -> NDArray[np.bool_]:
+    """Mark the sectors (SECTORS,) in which something of the cluster touches the outline, and those
+    beside them: its edge may lie anywhere in a sector."""
+    touched = view.going_on > TOUCHED
+    return np.asarray(touched | np.roll(touched, 1) | np.roll(touched, -1))
+
+
+@allocating_entry
+def outside_in_sectors(points: Any, sphere: Any, sectors: Any) -> Any:
+    """Mark the points (n,) whose rays pass outside the outline of a sphere (4,) in some of its
+    sectors (SECTORS,).
+
+    `points` (n, 3) m.
+    """
+    across, upwards = line_of_sight_axes(sphere)
+    center2 = np.sum(sphere[:3] ** 2)
+    marked = np.zeros(points.shape[0], dtype=np.bool_)
+    for i in range(points.shape[0]):
+        toward = np.sum(points[i] * sphere[:3])
+        miss2 = center2 - toward * toward / np.sum(points[i] ** 2)
+        if miss2 > sphere[3] ** 2:
+            a, b = np.sum(points[i] * across), np.sum(points[i] * upwards)
+            marked[i] = sectors[_sector(a, b)]
+    return marked

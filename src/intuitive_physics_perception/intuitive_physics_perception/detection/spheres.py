@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 
 import numpy as np
@@ -15,13 +15,14 @@ from intuitive_physics_perception.detection.cluster_memory import (
     ClusterMemory,
     RememberedCluster,
 )
-from intuitive_physics_perception.detection.cluster_view import ClusterView, passing
+from intuitive_physics_perception.detection.cluster_view import ClusterView
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.fitted_sphere import (
     EXPECTED_REACH,
     NEW_GOES_ON,
     STRAY_SIGMAS,
     SphereFitter,
+    Start,
 )
 from intuitive_physics_perception.detection.foreground import Clusters
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
@@ -30,6 +31,7 @@ from intuitive_physics_perception.detection.sphere_hypotheses import (
     Effort,
     SphereHypotheses,
 )
+from intuitive_physics_perception.detection.swept_sphere import passing_way
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -68,10 +70,12 @@ class ClusterSpheres:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A sphere found in a cluster, and whether it must end where no other sphere touches it: the
-    part of a cluster that it was fitted to would be a ball even at the tip of a finger."""
+    """A sphere found in a cluster, from where its fit began, and whether it must end where no other
+    sphere touches it: the part of a cluster that it was fitted to would be a ball even at the tip
+    of a finger."""
 
     sphere: DetectedSphere
+    start: Start
     must_end: bool
 
 
@@ -134,7 +138,7 @@ class SphereFinder:
         points: NDArray[np.float32],
         clusters: Clusters,
         searches: int | None = None,
-        expected: Sequence[NDArray[np.float64]] = (),
+        expected: Sequence[Start] = (),
         budget: FrameBudget | None = None,
     ) -> list[ClusterSpheres]:
         """Return the spheres by cluster of a frame of points (height, width, 3), in the sensor's
@@ -142,7 +146,7 @@ class SphereFinder:
 
         `searches`: clusters that are searched at random when neither expectation nor outline
         suggests a sphere, in the order of `_in_turn`; the
-        others wait for the next frame. None searches all; `expected` (4,) m, spheres that are
+        others wait for the next frame. None searches all; `expected`: spheres that are
         followed, where they should be; `budget`: when it is spent, clusters that hold none of these
         wait, too. None has no end.
         """
@@ -152,7 +156,7 @@ class SphereFinder:
         parts = [points.reshape(-1, 3)[indices].astype(np.float64) for indices in clusters.indices]
         remembered = [self._memory.recall(readings) for readings in parts]
         followed = [
-            [sphere for sphere in expected if _reaches(sphere, readings)] for readings in parts
+            [start for start in expected if _reaches(start, readings)] for readings in parts
         ]
         others_wait = any(memory.waited > 0 for memory in remembered)
         for k in _in_turn(parts, followed, clusters.new, remembered):
@@ -164,7 +168,15 @@ class SphereFinder:
             # What flickers has just come in each frame, and must not keep the others waiting.
             may_search = left > 0 and not (memory.has_just_come and others_wait)
             effort = self._effort(memory.deserves_a_search, may_search)
-            inside = self._spheres_in(points, cluster, readings, followed[k], effort, budget)
+            inside = self._spheres_in(
+                points,
+                cluster,
+                readings,
+                followed[k],
+                effort,
+                budget,
+                may_move=memory.has_just_come,
+            )
             if inside.spheres or effort is Effort.RANDOM:
                 memory = memory.after_search(success=bool(inside.spheres))
             if inside.spheres:
@@ -181,22 +193,22 @@ class SphereFinder:
         return results
 
     def find_expected(
-        self, points: NDArray[np.float32], clusters: Clusters, sphere: NDArray[np.float64]
+        self, points: NDArray[np.float32], clusters: Clusters, start: Start
     ) -> DetectedSphere | None:
         """Return the sphere in what is new in a frame of points (height, width, 3) that should be
         where one is expected, whatever it touches; None where none is.
 
-        `points` in m, in the sensor's frame; `sphere` (4,) m, centre and radius.
+        `points` in m, in the sensor's frame.
         """
         for cluster, new in zip(clusters.indices, clusters.new, strict=True):
             readings = points.reshape(-1, 3)[cluster].astype(np.float64)
-            if not new or not _reaches(sphere, readings):
+            if not new or not _reaches(start, readings):
                 continue
-            part = self._fitter.part_inside(readings, sphere)
+            part = self._fitter.part_inside(readings, start)
             if part.total < self._settings.min_points:
                 continue
             view = ClusterView(points, cluster, self._before)
-            detected = self._fitter.fitted(view, part, sphere, size_is_known=True)
+            detected = self._fitter.fitted(view, part, replace(start, size_is_known=True))
             if detected is not None:
                 return detected
         return None
@@ -218,20 +230,24 @@ class SphereFinder:
         points: NDArray[np.float32],
         cluster: NDArray[np.int64],
         readings: NDArray[np.float64],
-        expected: Sequence[NDArray[np.float64]],
+        expected: Sequence[Start],
         effort: Effort,
         budget: FrameBudget,
+        *,
+        may_move: bool,
     ) -> ClusterSpheres:
         candidates: list[Candidate] = []
         left, rest = cluster, readings
         while len(candidates) < SPHERES_IN_CLUSTER and len(rest) >= self._settings.min_points:
             view = ClusterView(points, left, self._before)
-            candidate = self._best_sphere(view, rest, expected, effort, budget)
+            candidate = self._best_sphere(
+                view, rest, expected, effort, budget, may_move=may_move and not candidates
+            )
             if candidate is None:
                 break
             # What others have left of a cluster has outlines that are none, too.
             must_end = candidate.must_end or any(earlier.must_end for earlier in candidates)
-            candidates.append(Candidate(candidate.sphere, must_end))
+            candidates.append(replace(candidate, must_end=must_end))
             off = self._miss(rest, candidate.sphere)
             left, rest = left[off], rest[off]
         if len(candidates) > 1 or any(earlier.must_end for earlier in candidates):
@@ -262,15 +278,14 @@ class SphereFinder:
                     continue
                 view = ClusterView(points, cluster[off], self._before)
                 most = TOUCHING_GOES_ON if candidate.must_end else NEW_GOES_ON
-                refitted = self._fitter.fitted(
-                    view,
-                    self._fitter.part_near(readings[off], candidate.sphere.numbers),
-                    candidate.sphere.numbers,
-                    most,
+                start = replace(
+                    candidate.start, sphere=candidate.sphere.numbers, sweep=candidate.sphere.sweep
                 )
+                part = self._fitter.part_near(readings[off], start)
+                refitted = self._fitter.fitted(view, part, start, most)
                 k = candidates.index(candidate)
                 if refitted is not None:
-                    candidates[k] = Candidate(refitted, candidate.must_end)
+                    candidates[k] = replace(candidate, sphere=refitted)
                 elif candidate.must_end:
                     del candidates[k]
         return candidates
@@ -279,23 +294,26 @@ class SphereFinder:
         """Mark the points (n,) whose rays pass a sphere far enough not to be of it: noise must not
         make a second sphere of the readings that stray farthest."""
         stray = STRAY_SIGMAS * self._lateral * sphere.range
-        return passing(points, sphere.center) > sphere.radius + stray
+        return passing_way(points, sphere.center, sphere.sweep) > sphere.radius + stray
 
     def _best_sphere(
         self,
         view: ClusterView,
         readings: NDArray[np.float64],
-        expected: Sequence[NDArray[np.float64]],
+        expected: Sequence[Start],
         effort: Effort,
         budget: FrameBudget,
+        *,
+        may_move: bool,
     ) -> Candidate | None:
-        for part, hypothesis, must_end in self._hypotheses.of_cluster(
-            view, readings, expected, effort, budget
+        for hypothesis in self._hypotheses.of_cluster(
+            view, readings, expected, effort, budget, may_move=may_move
         ):
-            if len(part.points) and part.total >= self._fewest(view, hypothesis):
-                sphere = self._fitter.fitted(view, part, hypothesis)
+            part, start = hypothesis.part, hypothesis.start
+            if len(part.points) and part.total >= self._fewest(view, start.sphere):
+                sphere = self._fitter.fitted(view, part, start)
                 if sphere is not None:
-                    return Candidate(sphere, must_end)
+                    return Candidate(sphere, start, hypothesis.must_end)
         return None
 
     def _fewest(self, view: ClusterView, sphere: NDArray[np.float64]) -> float:
@@ -307,7 +325,7 @@ class SphereFinder:
 
 def _in_turn(
     parts: Sequence[NDArray[np.float64]],
-    followed: Sequence[Sequence[NDArray[np.float64]]],
+    followed: Sequence[Sequence[Start]],
     new: Sequence[bool],
     remembered: Sequence[RememberedCluster[None]],
 ) -> list[int]:
@@ -330,7 +348,7 @@ def _in_turn(
     ]
 
 
-def _reaches(sphere: NDArray[np.float64], points: NDArray[np.float64]) -> bool:
-    """Whether a sphere (4,) m comes near one of some points (n, 3) m."""
-    away = np.linalg.norm(points - sphere[:3], axis=1)
-    return bool(away.min() < EXPECTED_REACH * sphere[3])
+def _reaches(start: Start, points: NDArray[np.float64]) -> bool:
+    """Whether a sphere comes near one of some points (n, 3) m."""
+    away = np.linalg.norm(points - start.sphere[:3], axis=1)
+    return bool(away.min() < EXPECTED_REACH * start.sphere[3])

@@ -18,17 +18,27 @@ from intuitive_physics.observation import Detections, Observation, ObservedObjec
 from intuitive_physics.scene import Environment
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_perception.detection.detections import frame_covariance
+from intuitive_physics_perception.detection.detections import (
+    DetectedSolid,
+    DetectedSphere,
+    frame_covariance,
+)
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.free_motion import FreeMotion, Record
-from intuitive_physics_perception.tracking.initial_state import state_at
 from intuitive_physics_perception.tracking.motion import POSITION, RADIUS, lasting
-from intuitive_physics_perception.tracking.smoother import smooth
-from intuitive_physics_perception.tracking.track import Track, detections_of, places_of
+from intuitive_physics_perception.tracking.track import (
+    FilterStep,
+    Track,
+    detections_of,
+    places_of,
+)
 
 PATH_WIDENING = 1.5
 """Multiple of the largest standard deviation where an object was seen, up to which its smoothed
 path is part of an observation where it was not."""
+
+RIDGE = 1e-12
+"""Term added to a correlation matrix's diagonal so that it can be inverted: numerical."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +135,8 @@ def record_of(track: Track, settings: PerceptionSettings) -> Record:
     A box's or capsule's centre is not moved: it is the middle of what the frame shows, F_cc its own
     covariance and S_cc the bias.
     """
-    steps = [step for step in track.steps if step.detection is not None]
+    kind = DetectedSphere if track.attitude is None else DetectedSolid
+    steps = [step for step in track.steps if isinstance(step.detection, kind)]
     times, positions, frame_covariances = places_of(detections_of(steps))
     detections = [detection for _, detection in detections_of(steps)]
     attitudes = tuple(step.attitude for step in steps if step.attitude is not None)
@@ -206,7 +217,7 @@ def observations_of(
     for record in records:
         if _is_worth(record, settings):
             free = FreeMotion(record, environment)
-            states = (state_at(record, float(time), free, settings) for time in record.times)
+            states = (free.state_at(float(time), settings) for time in record.times)
             begins = (time for time, state in zip(record.times, states, strict=True) if state)
             begin = next(begins, None)
             if begin is not None:
@@ -250,14 +261,14 @@ def _piece(
     a hand may have moved them.
     """
     known_records = [item for item in records if item.begin <= start <= item.record.times[-1]]
-    present, free = [item.record for item in known_records], [item.free for item in known_records]
+    present = [item.record for item in known_records]
     times = np.unique(np.concatenate([record.between(start, end).times for record in present]))
     for time in times:
         parts = [record.between(time, end) for record in present]
         members = [k for k, part in enumerate(parts) if _is_worth(part, settings)]
         if not members:
             return None
-        states = [state_at(present[k], time, free[k], settings) for k in members]
+        states = [known_records[k].free.state_at(time, settings) for k in members]
         known_states = [state for state in states if state is not None]
         if len(known_states) == len(members) and any(
             _moves(state, settings) for state in known_states
@@ -280,3 +291,44 @@ def _piece(
 
 def _moves(state: ObjectState, settings: PerceptionSettings) -> bool:
     return bool(np.linalg.norm(state.linear_velocity) > settings.rest_speed)
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothedPath:
+    """States of an object at every frame from when it was first to when it was last seen.
+
+    Parameters
+    ----------
+    times : (n,) s
+    means : (n, 7) of position, velocity and radius
+    covariances : (n, 7, 7)
+    """
+
+    times: NDArray[np.float64]
+    means: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+
+
+def smooth(steps: Sequence[FilterStep]) -> SmoothedPath:
+    """Go back over the steps of a filter, from the last in which something was seen.
+
+    Rauch, Tung, Striebel, "Maximum likelihood estimates of linear dynamic systems" (1965).
+    """
+    last = max(k for k, step in enumerate(steps) if step.detection is not None)
+    means = np.stack([step.mean for step in steps[: last + 1]])
+    covariances = np.stack([step.covariance for step in steps[: last + 1]])
+    for k in range(last - 1, -1, -1):
+        later = steps[k + 1].prediction
+        gain = _divided(covariances[k] @ later.transition.T, later.covariance)
+        means[k] += gain @ (means[k + 1] - later.mean)
+        covariances[k] += gain @ (covariances[k + 1] - later.covariance) @ gain.T
+    times = np.array([step.time for step in steps[: last + 1]])
+    return SmoothedPath(times, means, 0.5 * (covariances + covariances.swapaxes(1, 2)))
+
+
+def _divided(left: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return left · covariance⁻¹; metres and metres a second differ by orders, so it is scaled."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-30))
+    # A radius that is known exactly makes rows nearly dependent.
+    correlation = covariance / np.outer(scale, scale) + RIDGE * np.eye(len(scale))
+    return np.linalg.solve(correlation, (left / scale).T).T / scale

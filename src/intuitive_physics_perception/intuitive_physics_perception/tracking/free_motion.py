@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 
 from intuitive_physics.observation import Detections
 from intuitive_physics.scene import Environment, Plane, SceneObject
-from intuitive_physics_perception.tracking.attitude import Attitude
+from intuitive_physics.state import ObjectState
+from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_perception.tracking.attitude import (
+    ROLLING_TIME,
+    Attitude,
+    object_state,
+    rolling_angular_velocity,
+    unknown_angular_velocity,
+)
 from intuitive_physics_perception.tracking.motion import ROLLING_INERTIA, downward
 from intuitive_physics_perception.tracking.motion_fits import (
     MIN_POINTS,
@@ -196,6 +204,44 @@ class FreeMotion:
             if stretch.time <= time + SAME_TIME and times[stretch.end - 1] >= time:
                 return stretch
         return None
+
+    def state_at(self, time: float, settings: PerceptionSettings) -> ObjectState | None:
+        """Estimate the object's state θ_d from the stretch that holds a time in s.
+
+        Position and velocity come from weighted least squares with the acceleration known; their
+        covariance grows with the misfit. Returns None where no stretch holds the time.
+        """
+        stretch = self.stretch_at(time)
+        if stretch is None:
+            return None
+        mean, spread = stretch.at(time)
+        attitudes = self._record.attitudes
+        if attitudes is not None:
+            # The end of the stretch knows the angular velocity best, and nothing changed it before.
+            since = time - float(self._record.times[stretch.end - 1])
+            return object_state(mean, spread, attitudes[stretch.end - 1].after(since))
+        spin = self._angular_velocity(stretch, mean[3:], spread[3:, 3:], settings)
+        return object_state(mean, spread, spin)
+
+    def _angular_velocity(
+        self,
+        stretch: Stretch,
+        velocity: NDArray[np.float64],
+        covariance: NDArray[np.float64],
+        settings: PerceptionSettings,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Angular velocity of a ball that keeps its speed on a plane, where it rolls; else
+        unknown."""
+        lasted = self._record.times[stretch.end - 1] - self._record.times[stretch.start]
+        if stretch.plane is None or lasted < ROLLING_TIME:
+            return unknown_angular_velocity(settings.angular_velocity_deviation)
+        return rolling_angular_velocity(
+            velocity,
+            covariance,
+            self._record.object.shape.bounding_radius,
+            stretch.plane.normal,
+            settings.angular_velocity_deviation,
+        )
 
     def _next(self, first: int) -> Stretch | None:
         """The first stretch that begins at point `first` or later."""

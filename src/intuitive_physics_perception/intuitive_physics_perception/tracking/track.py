@@ -23,7 +23,13 @@ from intuitive_physics_perception.detection.detections import (
     kind_of,
 )
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
-from intuitive_physics_perception.tracking.attitude import Attitude, object_state
+from intuitive_physics_perception.tracking.attitude import (
+    Attitude,
+    object_state,
+    rolling_angular_velocity,
+    rolls,
+    unknown_angular_velocity,
+)
 from intuitive_physics_perception.tracking.motion import (
     FRAME_TIME,
     GATE,
@@ -40,13 +46,7 @@ from intuitive_physics_perception.tracking.motion import (
     downward,
     predicted,
 )
-from intuitive_physics_perception.tracking.rolling import (
-    rolling_angular_velocity,
-    rolls,
-    unknown_angular_velocity,
-)
 from intuitive_physics_perception.tracking.size_classes import SizeClass
-from intuitive_physics_perception.tracking.smoother import FilterStep
 from intuitive_physics_perception.tracking.supports import supported_acceleration
 
 ROLLING_MEMORY = 0.6
@@ -64,6 +64,27 @@ HEIGHT_DEVIATION = 0.01
 
 MAX_STEPS = 4000
 """Newest frames of a track that are kept: bounds its memory. At 90 Hz they last 44 s."""
+
+
+@dataclass(frozen=True, eq=False)
+class FilterStep:
+    """State of the filters at one frame.
+
+    Parameters
+    ----------
+    time : s
+    prediction : from the frame before
+    mean, covariance : (7,) and (7, 7) once the frame was taken into account
+    detection : of it in this frame, in the environment's frame; None where it was not detected
+    attitude : how it lies and turns; None of a sphere
+    """
+
+    time: float
+    prediction: Prediction
+    mean: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    detection: Detection | None
+    attitude: Attitude | None = None
 
 
 @dataclass(eq=False)
@@ -88,8 +109,9 @@ class Track:
     moving_since : s, when it was first seen or left its rest
     seen_time : s for which it was seen, at most `FRAME_TIME` for each detection
     steps : all frames since it was first seen
-    earlier : detections before that with their times (s), newest first, as long as they are looked
-        for; None from then on
+    earlier : detections in frames in which it was not seen at first, with their times (s), as long
+        as they are looked for; None from then on
+    searched_until : s, down to which they were looked for
     identity : the object that it is, where that is known from elsewhere
     surface : what its surface has shown of its spin since its last contact; None while nothing
     """
@@ -112,6 +134,7 @@ class Track:
     color: NDArray[np.float64] | None = None
     steps: deque[FilterStep] = field(default_factory=lambda: deque(maxlen=MAX_STEPS))
     earlier: list[tuple[float, Detection]] | None = field(default_factory=list)
+    searched_until: float = np.inf
     identity: SceneObject | None = None
     surface: SurfaceSpin | None = None
 
@@ -164,7 +187,8 @@ class Track:
     @property
     def detections(self) -> list[tuple[float, Detection]]:
         """Detections with their times (s), oldest first, those that were found later among them."""
-        return [*(self.earlier or [])[::-1], *detections_of(self.steps)]
+        found = [*(self.earlier or []), *detections_of(self.steps)]
+        return sorted(found, key=lambda detection: detection[0])
 
     def recent(self, duration: float) -> list[FilterStep]:
         """Steps of the last `duration` s, oldest first."""
@@ -310,6 +334,21 @@ class TrackFilter:
             track.attitude = track.attitude.corrected(
                 detection, self._settings.angular_velocity_deviation
             )
+        self._was_seen(track)
+
+    def change_kind(self, track: Track, detection: Detection) -> None:
+        """Go on with an object that turned out to be of another kind, as fast as it was."""
+        fresh = self.begin(track.number, track.time, detection)
+        fresh.mean[VELOCITY] = track.mean[VELOCITY]
+        fresh.covariance[VELOCITY, VELOCITY] = track.covariance[VELOCITY, VELOCITY]
+        track.kind, track.attitude, track.systematic = fresh.kind, fresh.attitude, fresh.systematic
+        track.mean, track.covariance = fresh.mean, fresh.covariance
+        # Nothing that is found out later says where it was as the other kind.
+        track.prediction = Prediction(fresh.mean, fresh.covariance, np.zeros((SIZE, SIZE)))
+        track.size, track.known_object, track.earlier = None, None, None
+        self._was_seen(track)
+
+    def _was_seen(self, track: Track) -> None:
         track.seen_time += min(track.time - track.last_seen, FRAME_TIME)
         track.last_seen = track.time
 

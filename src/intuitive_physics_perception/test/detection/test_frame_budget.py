@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from intuitive_physics_perception.detection.fitted_sphere import Start
 from intuitive_physics_perception.detection.foreground import ForegroundFinder
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.solids import SolidFinder
@@ -51,7 +52,7 @@ def test_what_is_followed_is_found_when_the_time_is_over(frame) -> None:
     model, points, clusters, (near, _) = frame
     finder = SphereFinder(model.noise, SETTINGS, np.random.default_rng(0))
     budget = spent()
-    found = centres(finder.find(points, clusters, 1, [near], budget))
+    found = centres(finder.find(points, clusters, 1, [Start(near)], budget))
     assert len(found) == 1
     assert found[0] == pytest.approx(near[:3], abs=0.01)
     assert budget.waiting == len(clusters.indices) - 1

@@ -14,7 +14,6 @@ from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import EpisodeRecorder, observations_of
 from intuitive_physics_perception.tracking.free_motion import FreeMotion, Record
-from intuitive_physics_perception.tracking.initial_state import state_at
 from intuitive_physics_perception.tracking.tracker import Tracker
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
@@ -39,7 +38,7 @@ def record(rng, times, path, name="ball", noise=NOISE):
 
 
 def state(ball, time):
-    return state_at(ball, time, FreeMotion(ball, FLOOR), SETTINGS)
+    return FreeMotion(ball, FLOOR).state_at(time, SETTINGS)
 
 
 def test_the_initial_state_is_least_squares_with_gravity_known(rng, bounce) -> None:

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_perception.detection.detections import DetectedSphere
+from intuitive_physics_perception.detection.fitted_sphere import Start
 from intuitive_physics_perception.detection.foreground import Clusters, ForegroundFinder
 from intuitive_physics_perception.detection.spheres import RecentFrames, SphereFinder
 from intuitive_physics_perception.settings import PerceptionSettings
@@ -109,7 +110,9 @@ def test_a_ball_beside_a_palm_is_found_where_it_is_expected(corner_model, shapes
     before = np.linalg.norm(room.points(), axis=2)
     finder = SphereFinder(model.noise, SETTINGS, np.random.default_rng(4), before)
     foreground = ForegroundFinder(model, SETTINGS, before)
-    expected = np.append(room.to_camera(place + [0.0, 0.01, -0.01]), RADIUS)
+    expected = Start(
+        np.append(room.to_camera(place + [0.0, 0.01, -0.01]), RADIUS), size_is_known=True
+    )
     errors = []
     for _ in range(5):
         points = room.points([(place, RADIUS)], [palm, arm])
@@ -119,5 +122,7 @@ def test_a_ball_beside_a_palm_is_found_where_it_is_expected(corner_model, shapes
     # The depth of one frame is sure to some mm at this range, the sides to less.
     assert np.abs(np.mean(errors, axis=0)).max() < 0.006
     # Where only the palm is there is none.
-    aside = np.append(room.to_camera(place - [0.0, RADIUS + 0.05, 0.0]), RADIUS)
+    aside = Start(
+        np.append(room.to_camera(place - [0.0, RADIUS + 0.05, 0.0]), RADIUS), size_is_known=True
+    )
     assert finder.find_expected(points, foreground.find(points), aside) is None

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from intuitive_physics.scene import Environment, Plane, StaticBox
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.tracking.rolling import ROLLING_TIME, rolling_angular_velocity
+from intuitive_physics_perception.tracking.attitude import ROLLING_TIME, rolling_angular_velocity
 from intuitive_physics_perception.tracking.tracker import Tracker
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])

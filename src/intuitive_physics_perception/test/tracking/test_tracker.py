@@ -147,7 +147,48 @@ def test_a_capsule_that_was_seen_end_on_is_a_capsule_once_its_side_is_seen(rng, 
     for k in (9, 10):
         tracker.update(k * STEP, [detection(rng, place, 0.04)])
     assert [track.kind for track in tracker.tracks] == kinds
-    assert tracker.next_number == 3
+    assert tracker.next_number == (2 if turned else 3)
+
+
+def swept_capsule(rng, place, velocity, exposure) -> DetectedSolid:
+    """What a ball of 4 cm radius is taken for that is swept by an exposure, in s."""
+    return DetectedSolid(
+        Capsule(0.04, exposure * float(np.linalg.norm(velocity))),
+        np.asarray(place) + NOISE * rng.normal(size=3),
+        Rotation.align_vectors([velocity], [[0.0, 0.0, 1.0]])[0].as_matrix(),
+        NOISE**2 * np.eye(3),
+        0.02**2 * np.eye(3),
+        NOISE**2,
+        300,
+        1.0,
+    )
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), speed=st.floats(3.0, 8.0), rate=st.floats(30.0, 90.0))
+def test_a_ball_that_is_swept_in_some_frames_is_one_ball(seed, speed, rate) -> None:
+    """Whichever frames show a capsule along its way, partly or fully: one number, no other kind at
+    the end, and an error as the covariance says."""
+    rng = np.random.default_rng(seed)
+    heading = rng.normal(size=3) * [1.0, 1.0, 0.3]
+    velocity = speed * heading / np.linalg.norm(heading)
+    tracker, numbers = Tracker(FLOOR, SETTINGS), set()
+    for time in np.arange(0.0, 0.3, 1.0 / rate):
+        place = [0.0, 0.0, 3.0] + time * velocity + 0.5 * time**2 * FLOOR.gravity
+        now = velocity + time * FLOOR.gravity
+        seen = (
+            detection(rng, place, 0.04)
+            if rng.random() < 0.5
+            else swept_capsule(rng, place, now, rng.uniform(0.4, 0.9) / rate)
+        )
+        tracker.update(float(time), [seen])
+        numbers |= {track.number for track in tracker.followed}
+    tracker.update(float(time) + 1.0 / rate, [detection(rng, place + now / rate, 0.04)])
+    (track,) = tracker.tracks
+    assert numbers == {1}
+    assert track.kind == "sphere"
+    off = track.mean[3:6] - now - FLOOR.gravity / rate
+    assert off @ np.linalg.solve(track.covariance[3:6, 3:6], off) < 25.0
 
 
 def test_a_short_occlusion_keeps_the_track_and_a_long_one_ends_it(rng, bounce) -> None:

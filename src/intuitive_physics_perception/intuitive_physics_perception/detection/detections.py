@@ -10,6 +10,26 @@ from numpy.typing import NDArray
 from intuitive_physics.shapes import Box, Capsule
 
 
+@dataclass(frozen=True)
+class Outline:
+    """How a sphere stands apart from what is about it.
+
+    Parameters
+    ----------
+    new : part of its readings that lie where nothing was before; None where nothing is known of it
+    goes_on : part of the ring round its outline in which its cluster goes on
+    level : part of the ring in which any surface goes on
+    ends : part of the ring in which what is read lies behind all that could go on
+    visible : part of the outline's disc in which its surface is read
+    """
+
+    new: float | None
+    goes_on: float
+    level: float
+    ends: float
+    visible: float
+
+
 @dataclass(frozen=True, eq=False)
 class DetectedSphere:
     """A sphere in one frame.
@@ -23,6 +43,7 @@ class DetectedSphere:
     range : m from the sensor to the centre
     color : (3,) mean red, green and blue, 0 to 1; None where unknown
     systematic : (4, 4) m², the part of the covariance that all frames share
+    outline : how it stands apart; None where that was not looked at
     """
 
     center: NDArray[np.float64]
@@ -32,6 +53,7 @@ class DetectedSphere:
     range: float
     color: NDArray[np.float64] | None = None
     systematic: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4)))
+    outline: Outline | None = None
 
     @property
     def numbers(self) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics_perception.detection.cluster_view import ClusterView, passing
-from intuitive_physics_perception.detection.detections import DetectedSphere, given_radius
+from intuitive_physics_perception.detection.detections import DetectedSphere, Outline, given_radius
 from intuitive_physics_perception.detection.sphere_fit import readings_beyond, refine_sphere
 from intuitive_physics_perception.detection.sphere_inspection import (
     inspect_sphere,
@@ -47,8 +47,8 @@ grow by up to one pixel (root mean square 0.7 where every second camera does), m
 edges take about as much away."""
 
 NEW_READINGS = 0.5
-"""Part of a sphere's readings that must be nearer than what was read there when the environment was
-modelled, or lie where nothing was, for it to be new in the scene."""
+"""Part of a sphere's readings that must lie where nothing was before for it to be new in the
+scene."""
 
 NEW_GOES_ON = 0.7
 """Part of the ring round its outline in which the cluster of a new sphere may go on: each ball of
@@ -156,8 +156,7 @@ class SphereFit:
 class SphereFitter:
     """Makes spheres of hypotheses.
 
-    `rng`: decides which of many points a sphere is fitted to; `knows_before`: whether it is known
-    what was read when the environment was modelled.
+    `rng`: decides which of many points a sphere is fitted to.
     """
 
     def __init__(
@@ -165,10 +164,7 @@ class SphereFitter:
         noise: RangeNoise,
         settings: PerceptionSettings,
         rng: np.random.Generator,
-        *,
-        knows_before: bool,
     ) -> None:
-        self._knows_before = knows_before
         self._settings = settings
         self._rng = rng
         self.known_radii = [item.radius for item in settings.known_objects]
@@ -283,8 +279,10 @@ class SphereFitter:
             each * inspection.on < settings.min_points
             or inspection.on < settings.min_surface_fraction * (inspection.on + inspection.against)
             or not enough
-            or not self._is_object(view, fit, inspection.visible, most_goes_on)
         ):
+            return None
+        outline = self._outline(view, fit, inspection.visible)
+        if outline is None or not _may_be_object(outline, most_goes_on):
             return None
         return DetectedSphere(
             sphere[:3],
@@ -293,29 +291,16 @@ class SphereFitter:
             each * inspection.on,
             float(np.linalg.norm(sphere[:3])),
             systematic=fit.systematic,
+            outline=outline,
         )
 
-    def _is_object(
-        self, view: ClusterView, fit: SphereFit, visible: float, most_goes_on: float
-    ) -> bool:
-        """Whether the sphere is an object of its own and not a part of something larger.
-
-        What has come into the scene since the environment was modelled is most likely an object,
-        and may touch others. What was there already is most likely not, so it must end all round
-        its outline and be seen as a whole.
-        """
-        sphere = fit.sphere
-        outline = look_round_outline(*view.surroundings(sphere), sphere, view.pixel, self.noise)
-        if self._misfit_of(outline.patches, fit) > SHAPE_MISFIT:
-            return False
-        if not self._knows_before or outline.new > NEW_READINGS:
-            return outline.goes_on <= most_goes_on
-        return (
-            outline.goes_on <= STATIC_GOES_ON
-            and outline.level <= STATIC_LEVEL
-            and outline.ends >= STATIC_ENDS
-            and visible >= STATIC_VISIBLE
-        )
+    def _outline(self, view: ClusterView, fit: SphereFit, visible: float) -> Outline | None:
+        """How the sphere stands apart from what is about it; None where its surface is none."""
+        seen = look_round_outline(*view.surroundings(fit.sphere), fit.sphere, view.pixel, self.noise)
+        if self._misfit_of(seen.patches, fit) > SHAPE_MISFIT:
+            return None
+        new = seen.new if view.knows_before else None
+        return Outline(new, seen.goes_on, seen.level, seen.ends, visible)
 
     def _misfit_of(self, patches: NDArray[np.float64], fit: SphereFit) -> float:
         """Mean squared error of the surface's patches (n, 3) of `OutlineView`, in variances.
@@ -328,3 +313,25 @@ class SphereFitter:
         unevenness = UNEVENNESS * float(fit.sphere[3])
         spread = fit.noise_scale * variances * shared / readings + unevenness**2
         return float(np.sum(errors**2 / spread) / max(len(errors) - 4, 1))
+
+
+def _may_be_object(outline: Outline, most_goes_on: float) -> bool:
+    """Whether a sphere may be an object of its own and not a part of something larger.
+
+    What has come where nothing was is most likely an object, and may touch others. What was there
+    already, or where nobody has looked, is most likely not, so it must end all round its outline
+    and be seen as a whole.
+    """
+    if outline.new is None or outline.new > NEW_READINGS:
+        return outline.goes_on <= most_goes_on
+    return stands_apart(outline)
+
+
+def stands_apart(outline: Outline) -> bool:
+    """Return whether a sphere ends all round its outline and is seen as a whole."""
+    return (
+        outline.goes_on <= STATIC_GOES_ON
+        and outline.level <= STATIC_LEVEL
+        and outline.ends >= STATIC_ENDS
+        and outline.visible >= STATIC_VISIBLE
+    )

@@ -16,7 +16,7 @@ from intuitive_physics_perception.detection.sphere_fit import (
     INLIER_SIGMAS,
     surface_error,
 )
-from intuitive_physics_perception.environment.noise import CHANGE_SIGMAS
+from intuitive_physics_perception.environment.known_space import NEW
 
 LATTICE = 0.15
 """Spacing, in radii, of the lattice over the outline on which seen places are marked. Set by
@@ -79,8 +79,7 @@ class OutlineView(NamedTuple):
     level : part of the ring's sectors in which any surface goes on past the outline, as a plate
         does round a bulge
     ends : part of the ring's sectors in which what is read lies behind all that could go on
-    new : part of the readings on the surface that are nearer than what was read there before, or
-        where nothing was
+    new : part of the readings on the surface that lie where nothing was before
     patches : (n_patches, 3) number of readings on the surface, mean of their distance outside it,
         m, and mean variance of that distance, m², by patch of the disc
     """
@@ -172,7 +171,7 @@ def _marked_parts(seen: Any, read: Any) -> tuple[float, float]:
 
 @allocating_entry
 def look_round_outline(
-    points: Any, own: Any, before: Any, sphere: Any, pixel: float, noise: Any
+    points: Any, own: Any, marks: Any, sphere: Any, pixel: float, noise: Any
 ) -> OutlineView:
     """Judge the ring outside a sphere's outline, and whether its surface is new.
 
@@ -182,8 +181,8 @@ def look_round_outline(
     s radii across the line of sight, (s - 1) tan(angle) radii behind the outline, and no more.
 
     `points` (n, 3) readings about the sphere, may hold NaN; `own` (n,) nonzero where a reading
-    belongs to the cluster in which the sphere was found; `before` (n,) m, range read there when the
-    environment was modelled, NaN where it is unknown; `sphere` (4,).
+    belongs to the cluster in which the sphere was found; `marks` (n,) of the readings, NEW where nothing
+    was before; `sphere` (4,).
     """
     cx, cy, cz, r = sphere[0], sphere[1], sphere[2], sphere[3]
     across, upwards = line_of_sight_axes(sphere)
@@ -211,9 +210,7 @@ def look_round_outline(
             if error * error > INLIER_SIGMAS**2 * variance or ahead < -BEHIND_SIGMAS * deviation:
                 continue
             on_surface += 1
-            change = before[i] - sqrt(x * x + y * y + z * z)
-            # NaN, where nothing was read, is not at most anything.
-            new += not change <= CHANGE_SIGMAS * 1.4142136 * deviation
+            new += marks[i] == NEW
             if sine < EDGE_PART:
                 # Rings of equal area: as many readings in each.
                 ring = int(sine * sine / (EDGE_PART * EDGE_PART) * PATCH_RINGS)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.command import Outcome, report_progress
+from benchmarks.perception.drive import measure_drive
 from benchmarks.perception.perceive import (
     PerceptionRun,
     detected_balls,
@@ -76,6 +77,14 @@ def measure_clutter(folder: Path, quick: bool) -> Outcome:
                 rng = np.random.default_rng([SEED, int.from_bytes(scene.name.encode(), "big")])
                 _perceive(frames(scene, rng), halves[name][half], background)
     return Outcome([_table(halves)], _figures(halves))
+
+
+def measure_moving(folder: Path, quick: bool) -> Outcome:
+    """Measure a slow drive, and scenes that come into view."""
+    drive, clutter = measure_drive(quick), measure_clutter(folder, quick)
+    figures = {**clutter.key_figures}
+    figures["moving"] = {**drive.key_figures, **figures.get("moving", {})}
+    return Outcome([*drive.tables, *clutter.tables], figures)
 
 
 def _perceive(frames: Iterator[Frame], findings: Findings, background: Executor) -> None:

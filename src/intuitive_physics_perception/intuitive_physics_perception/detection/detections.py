@@ -19,6 +19,7 @@ class Outline:
     new : part of its readings that lie where nothing was before; None where nothing is known of it
     goes_on : part of the ring round its outline in which its cluster goes on
     level : part of the ring in which any surface goes on
+    level_off_planes : the same for what is on no plane of the environment
     ends : part of the ring in which what is read lies behind all that could go on
     visible : part of the outline's disc in which its surface is read
     """
@@ -26,6 +27,7 @@ class Outline:
     new: float | None
     goes_on: float
     level: float
+    level_off_planes: float
     ends: float
     visible: float
 

@@ -78,6 +78,7 @@ class OutlineView(NamedTuple):
     goes_on : part of the ring's sectors in which the cluster goes on past the outline
     level : part of the ring's sectors in which any surface goes on past the outline, as a plate
         does round a bulge
+    level_off_planes : the same for what is on no plane of the environment
     ends : part of the ring's sectors in which what is read lies behind all that could go on
     new : part of the readings on the surface that lie where nothing was before
     patches : (n_patches, 3) number of readings on the surface, mean of their distance outside it,
@@ -86,6 +87,7 @@ class OutlineView(NamedTuple):
 
     goes_on: float
     level: float
+    level_off_planes: float
     ends: float
     new: float
     patches: Any
@@ -182,7 +184,7 @@ def look_round_outline(
 
     `points` (n, 3) readings about the sphere, may hold NaN; `own` (n,) nonzero where a reading
     belongs to the cluster in which the sphere was found; `marks` (n,) of the readings, NEW where nothing
-    was before; `sphere` (4,).
+    was before, 0 on planes; `sphere` (4,).
     """
     cx, cy, cz, r = sphere[0], sphere[1], sphere[2], sphere[3]
     across, upwards = line_of_sight_axes(sphere)
@@ -192,6 +194,7 @@ def look_round_outline(
     outer = inner + max(RING_WIDTH, 2.0 * pixel * distance / r)
     same = np.zeros(SECTORS, dtype=np.int64)
     near = np.zeros(SECTORS, dtype=np.int64)
+    off_planes = np.zeros(SECTORS, dtype=np.int64)
     total = np.zeros(SECTORS, dtype=np.int64)
     patches = np.zeros((PATCH_RINGS * SECTORS, 3))
     new, on_surface = 0, 0
@@ -222,14 +225,21 @@ def look_round_outline(
             behind = STEEPEST_SLOPE * (sine - 1.0) * r + BEHIND_SIGMAS * deviation
             total[sector] += 1
             near[sector] += ahead > -behind
+            off_planes[sector] += marks[i] != 0 and ahead > -behind
             same[sector] += own[i] != 0 and ahead > -behind
-    goes_on, level, ends = 0, 0, 0
+    goes_on, level, level_off_planes, ends = 0, 0, 0, 0
     for k in range(SECTORS):
         goes_on += 2 * same[k] > total[k]
         level += 2 * near[k] > total[k]
+        level_off_planes += 2 * off_planes[k] > total[k]
         ends += 2 * near[k] <= total[k] and total[k] > 0
     for k in range(patches.shape[0]):
         patches[k, 1:] /= max(patches[k, 0], 1.0)
     return OutlineView(
-        goes_on / SECTORS, level / SECTORS, ends / SECTORS, new / max(on_surface, 1), patches
+        goes_on / SECTORS,
+        level / SECTORS,
+        level_off_planes / SECTORS,
+        ends / SECTORS,
+        new / max(on_surface, 1),
+        patches,
     )

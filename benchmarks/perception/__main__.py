@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks.command import Outcome, measure_parts, run_benchmark
+from benchmarks.perception.clutter import measure_moving
 from benchmarks.perception.doorway import measure_doorway
 from benchmarks.perception.end_to_end import measure_end_to_end
 from benchmarks.perception.looks import measure_looks
@@ -30,6 +31,7 @@ PARTS: dict[str, Callable[[argparse.Namespace], Outcome]] = {
     "unorganised": lambda options: measure_unorganised(options.quick),
     "end_to_end": lambda options: measure_end_to_end(options.quick),
     "real": lambda options: measure_real(options.scenes, options.clouds, options.quick),
+    "moving": lambda options: measure_moving(options.scenes, options.quick),
     "release": lambda options: measure_release(options.quick),
     "doorway": lambda options: measure_doorway(options.quick),
     "looks": lambda options: measure_looks(options.quick),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Collection, Iterator
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,6 +18,7 @@ from benchmarks.perception.scenes import PAUSE
 from benchmarks.perception.score import Ball
 from benchmarks.perception.truth import TrueBall, TrueRecording
 from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.shapes import Sphere
 from intuitive_physics_experiments.rendering.ground_truth import GroundTruth
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_truth
@@ -41,10 +43,14 @@ class PerceptionRun:
         self,
         settings: PerceptionSettings | None = None,
         rng: np.random.Generator | None = None,
+        background: Executor | None = None,
     ) -> None:
         self.settings = settings or PerceptionSettings()
         self.pipeline = PerceptionPipeline(
-            self.settings, rng or np.random.default_rng(0), clock=thread_time
+            self.settings,
+            rng or np.random.default_rng(0),
+            clock=thread_time,
+            background=background,
         )
         self.seconds: list[float] = []  # of the one thread that does the work
         self.wall: list[float] = []
@@ -54,10 +60,11 @@ class PerceptionRun:
         points: NDArray[np.float32],
         time: float,
         colors: NDArray[np.uint8] | None = None,
+        pose: RigidTransform | None = None,
     ) -> FrameResult:
-        """Perceive points (height, width, 3) m and their colours at a time, s."""
+        """Perceive points (height, width, 3) m and their colours at a time, s, from a pose."""
         wall, thread = perf_counter(), thread_time()
-        result = self.pipeline.process(points, time, colors)
+        result = self.pipeline.process(points, time, colors, pose)
         if is_of_known_environment(result):
             self.seconds.append(thread_time() - thread)
             self.wall.append(perf_counter() - wall)

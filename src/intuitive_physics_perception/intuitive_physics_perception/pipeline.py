@@ -283,17 +283,19 @@ class PerceptionPipeline:
             if moved:
                 return self._model_again(time, moved, self._forget_environment())
             clusters = scene.stages.clusters(points)
+            scene.look_about(points, clusters)
         budget = self._budget()
         with timer.stage("spheres"):
             spheres = scene.find_spheres(points, clusters, time, budget)
         with timer.stage("solids"):
             objects_seen = all_objects(points, spheres, scene.stages.solids, colors, budget)
-            pixels = [item.pixels(points) for item in objects_seen]
-            scene.stages.foreground.expect_objects(pixels)
         with timer.stage("tracking"):
             pose = scene.model.rotation, scene.model.translation
             detections = [item.detection.moved(*pose) for item in objects_seen]
             ended = scene.tracker.update(time, detections)
+            shown = scene.tracker.objects_among(detections)
+            pixels = [objects_seen[k].pixels(points) for k in shown]
+            scene.stages.foreground.expect_objects(pixels)
             scene.look_at_surfaces(
                 list(zip(objects_seen, detections, strict=True)), points, colors, time
             )
@@ -314,7 +316,7 @@ class PerceptionPipeline:
             scene.model,
             is_new_model=bool(revised),
             revised=revised,
-            detections=tuple(detections),
+            detections=tuple(detections[k] for k in shown),
             objects=objects,
             episodes=episodes,
             diagnostics=FrameDiagnostics(
@@ -322,8 +324,8 @@ class PerceptionPipeline:
                 foreground=clusters.foreground,
                 clusters=len(clusters.indices),
                 waiting=budget.waiting,
-                spheres=sum(isinstance(detection, DetectedSphere) for detection in detections),
-                solids=sum(isinstance(detection, DetectedSolid) for detection in detections),
+                spheres=sum(isinstance(detections[k], DetectedSphere) for k in shown),
+                solids=sum(isinstance(detections[k], DetectedSolid) for k in shown),
                 seconds=timer.seconds,
             ),
         )

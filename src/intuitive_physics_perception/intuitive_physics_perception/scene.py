@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor, Future
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from intuitive_physics_perception.detection.detections import (
     Detection,
     without_doubles,
 )
-from intuitive_physics_perception.detection.foreground import Clusters, Clutter, ForegroundFinder
+from intuitive_physics_perception.detection.foreground import Clusters, ForegroundFinder
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.solids import ObjectInFrame, SolidFinder, all_objects
 from intuitive_physics_perception.detection.spheres import (
@@ -41,7 +42,8 @@ from intuitive_physics_perception.environment.environment_model import (
 )
 from intuitive_physics_perception.environment.fusion import fused_frame
 from intuitive_physics_perception.environment.gravity import MIN_TURN, FlightGravity
-from intuitive_physics_perception.environment.range_cloud import RangeCloud
+from intuitive_physics_perception.environment.known_space import KnownSpace, View
+from intuitive_physics_perception.environment.range_cloud import RangeCloud, spacing_of
 from intuitive_physics_perception.environment.settled_view import GONE_TIME, SettledView
 from intuitive_physics_perception.environment.static_boxes import StaticBoxFilter, with_static_boxes
 from intuitive_physics_perception.settings import PerceptionSettings
@@ -74,6 +76,10 @@ CHECKED_POINTS = 1200
 FOLLOWED_MARGIN = 0.05
 """Distance from what is followed within which a reading shows no environment, m: the noise and the
 flying pixels at its edge."""
+
+LOOKED_AT = 0.01
+"""Part of a frame's readings that may lie where nobody has looked before until the frame is
+remembered."""
 
 LOOK_EVERY = 0.25
 """Time, s, between two checks for changes: half of the shortest time of a change."""
@@ -151,8 +157,8 @@ class Stages:
     """Finders of objects in the frames of one environment, with their memories.
 
     `before` (height, width) m, the nearest range that each pixel read when the environment was
-    modelled, NaN for nothing; None where readings have no fixed pixels; `clutter`: what else stands
-    there, for a sensor that has moved; None where it has not.
+    modelled, NaN for nothing; None where readings have no fixed pixels; `space`: what is known of
+    the space about the sensor, for these.
     """
 
     def __init__(
@@ -161,14 +167,36 @@ class Stages:
         settings: PerceptionSettings,
         rng: np.random.Generator,
         before: NDArray[np.float32] | None,
-        clutter: Clutter | None = None,
+        space: KnownSpace | None = None,
     ) -> None:
-        self.model = model
+        self._settings = settings
         self.before = before
-        self.foreground = ForegroundFinder(model, settings, before, clutter)
-        self.static_boxes = StaticBoxFilter(model, settings)
-        self.spheres = SphereFinder(model.noise, settings, rng, before)
+        self.spheres = SphereFinder(model.noise, settings, rng)
         self.solids = SolidFinder(model, settings, rng) if settings.find_solids else None
+        self._look_from(model, ForegroundFinder(model, settings, before, space))
+
+    def _look_from(self, model: EnvironmentModel, foreground: ForegroundFinder) -> None:
+        self.model, self.foreground = model, foreground
+        self.static_boxes = StaticBoxFilter(model, self._settings)
+        self.spheres.look_from(model.sensor_pose)
+        if self.solids is not None:
+            self.solids.look_from(model)
+
+    def seen_from(self, model: EnvironmentModel, space: KnownSpace) -> Stages:
+        """Return them for the same environment as a sensor sees it from elsewhere; they share
+        their memories.
+
+        `space`: what is known of the space.
+        """
+        elsewhere = copy(self)
+        foreground = ForegroundFinder(model, self._settings, None, space)
+        elsewhere.before = None
+        elsewhere._look_from(model, foreground)
+        return elsewhere
+
+    def look_again(self) -> None:
+        """Look from where the environment was modelled again."""
+        self._look_from(self.model, self.foreground)
 
     def clusters(self, points: NDArray[np.float32]) -> Clusters:
         """Return clusters of what is neither a plane nor a static box.
@@ -218,8 +246,14 @@ class ModelledScene:
         self._pending: Future[Stages | None] | None = None
         self._changed_since: float | None = None
         self._settled = frames[-1]
-        self._clutter: Clutter | None = None
-        self.stages = self._home = Stages(model, settings, rng, _nearest_ranges(frames))
+        self._space = KnownSpace(model.noise, spacing_of(frames[-1], rng))
+        self._space.take(self._space.view(frames, model.sensor_pose))
+        self._looking: Future[View] | None = None
+        self._way = RigidTransform()
+        before = _nearest_ranges(frames)
+        self.stages = self._home = Stages(
+            model, settings, rng, before, self._space if before is None else None
+        )
         self.stages.prepare(frames[-1])
         if settings.spin_from_surface:
             # The first ball that flies cannot wait for them.
@@ -243,17 +277,39 @@ class ModelledScene:
         `way`: from the sensor's frame now to its frame when the environment was modelled.
         """
         if is_same_view(way, self._home.model.noise):
-            self.stages = self._home
+            if not self.is_at_home:
+                self.stages = self._home
+                self.stages.look_again()
             return
         if self.is_at_home:
             self._recent.forget()
             self._changed_since = None
             if self._view is not None:
                 self._view.restart()
-        if self._clutter is None:
-            self._clutter = Clutter(self._settled, self._home.model, self._settings)
-        model = self._home.model.seen_from(way)
-        self.stages = Stages(model, self._settings, self._rng, None, self._clutter)
+        elif np.array_equal(way.translation, self._way.translation) and np.array_equal(
+            way.orientation, self._way.orientation
+        ):
+            return
+        self._way = way
+        self.stages = self._home.seen_from(self._home.model.seen_from(way), self._space)
+
+    def look_about(self, points: NDArray[np.float32], clusters: Clusters) -> None:
+        """Remember what a frame shows where nobody has looked before.
+
+        `points` (height, width, 3) m.
+        """
+        if self._looking is not None and self._looking.done():
+            self._space.take(self._looking.result())
+            self._looking = None
+        if self._looking is not None or clusters.unknown <= LOOKED_AT * clusters.readings:
+            return
+        if self.is_at_home and self.stages.before is not None:
+            return
+        job = [self.without_followed(points)], self.model.sensor_pose
+        if self._background is not None:
+            self._looking = self._background.submit(self._space.view, *job)
+        else:
+            self._space.take(self._space.view(*job))
 
     def find_spheres(
         self, points: NDArray[np.float32], clusters: Clusters, time: float, budget: FrameBudget
@@ -429,8 +485,8 @@ class ModelledScene:
 
     def _begin_revision(self, view: SettledView, time: float) -> None:
         points, changed = view.settled(time)
-        view.take_reference(points)
         self._settled = points
+        view.take_reference(points)
         before = self.stages.before
         if before is not None:
             before = np.where(changed, np.linalg.norm(points, axis=2), before)
@@ -447,7 +503,7 @@ class ModelledScene:
         """Replace the environment by a revised one; return a sentence on how it differs."""
         old_ids = _ids(self.model.environment)
         self.stages = self._home = stages
-        self._clutter = None
+        self._space.take(self._space.view([self._settled], self.model.sensor_pose))
         self.check = EnvironmentCheck(self.model, self._settings, revised=True)
         self._track_in_environment()
         new_ids = _ids(self.model.environment)

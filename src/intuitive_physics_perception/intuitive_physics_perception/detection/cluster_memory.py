@@ -8,6 +8,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics_perception.environment.noise import RangeNoise
 
 COUNT_TOLERANCE = 0.2
@@ -37,7 +38,7 @@ class RememberedCluster(Generic[Result]):
 
     Parameters
     ----------
-    centre : (3,) m, mean of its points
+    centre : (3,) m, mean of its points, in the frame that stands still
     count : of its points
     frames : in which it was there as it is now, less those in which its search had to wait
     phase : in which frame of a period it is searched, so that not all are in the same one
@@ -88,26 +89,36 @@ class ClusterMemory(Generic[Result]):
     def __init__(self, stillness: float, noise: RangeNoise) -> None:
         self._stillness = stillness
         self._noise = noise
+        self._pose = RigidTransform()
         self._turn = 0
         self._last: list[RememberedCluster[Result]] = []
         self._next: list[RememberedCluster[Result]] = []
+        self._centres = np.zeros((0, 3))
+        self._counts = np.zeros(0, dtype=np.int64)
+
+    def look_from(self, pose: RigidTransform) -> None:
+        """Take the pose of the sensor in a frame that stands still."""
+        self._pose = pose
 
     def recall(self, points: NDArray[np.float64]) -> RememberedCluster[Result]:
         """Return what is known of a cluster.
 
-        `points` (n, 3) m, its points.
+        `points` (n, 3) m, its points in the sensor's frame.
         """
-        centre, count = points.mean(axis=0), len(points)
+        middle, count = points.mean(axis=0), len(points)
+        centre = self._pose.points(middle)
         # The difference of the means of two times n readings.
-        variance = self._noise.deviation(np.linalg.norm(centre)) ** 2 * self._noise.correlated
+        variance = self._noise.deviation(np.linalg.norm(middle)) ** 2 * self._noise.correlated
         moved = MOVEMENT_SIGMAS * np.sqrt(2.0 * variance / count)
-        for k, old in enumerate(self._last):
-            if (
-                abs(count - old.count) < COUNT_TOLERANCE * old.count
-                and np.linalg.norm(centre - old.centre) < self._stillness + moved
-            ):
-                del self._last[k]
-                return replace(old, centre=centre, count=count, frames=old.frames + 1, unseen=0)
+        alike = (np.abs(count - self._counts) < COUNT_TOLERANCE * self._counts) & (
+            np.square(self._centres - centre).sum(axis=1) < (self._stillness + moved) ** 2
+        )
+        if alike.any():
+            k = int(np.argmax(alike))
+            # Each is recalled once.
+            self._counts[k] = 0
+            old = self._last[k]
+            return replace(old, centre=centre, count=count, frames=old.frames + 1, unseen=0)
         self._turn += 1
         return RememberedCluster(centre, count, 0, self._turn, None)
 
@@ -123,7 +134,9 @@ class ClusterMemory(Generic[Result]):
         """Forget clusters that were neither kept nor there for a while."""
         missing = [
             replace(old, unseen=old.unseen + 1)
-            for old in self._last
-            if old.unseen < FRAMES_REMEMBERED
+            for old, count in zip(self._last, self._counts, strict=True)
+            if count > 0 and old.unseen < FRAMES_REMEMBERED
         ]
         self._last, self._next = self._next + missing, []
+        self._centres = np.array([old.centre for old in self._last]).reshape(-1, 3)
+        self._counts = np.array([old.count for old in self._last], dtype=np.int64)

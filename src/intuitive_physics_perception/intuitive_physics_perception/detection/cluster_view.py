@@ -24,20 +24,24 @@ move and grow by less. It takes time alone."""
 class ClusterView:
     """One cluster of a frame as the sensor sees it.
 
-    `points` (height, width, 3) of the frame; `cluster` (n,) indices of its points; `before`
-    (height, width) m, what was read when the environment was modelled, if that is known.
+    `points` (height, width, 3) of the frame; `cluster` (n,) indices of its points; `marks`
+    (height, width) of its points, as `Clusters` has them.
     """
 
     def __init__(
         self,
         points: NDArray[np.float32],
         cluster: NDArray[np.int64],
-        before: NDArray[np.float32] | None = None,
+        marks: NDArray[np.uint8] | None = None,
     ) -> None:
-        self.before = before
+        self.marks = marks
         self._last_cone: tuple[NDArray[np.float64], float, NDArray[np.int64]] | None = None
         self.points = points
         self.cluster = cluster
+
+    def part(self, cluster: NDArray[np.int64]) -> ClusterView:
+        """Return the view of a part of the cluster, (n,) indices of its points."""
+        return ClusterView(self.points, cluster, self.marks)
 
     @property
     def is_organised(self) -> bool:
@@ -65,23 +69,28 @@ class ClusterView:
         window = window[::every, ::every]
         return np.ascontiguousarray(window).reshape(-1, 3), every * every
 
+    @property
+    def knows_before(self) -> bool:
+        """Whether it is known what was there before."""
+        return self.marks is not None
+
     def surroundings(
         self, sphere: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.float32]]:
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.uint8]]:
         """Return readings (n, 3) m about a sphere (4,), which of them (n,) are the cluster's, and
-        the range (n,) m read there when the environment was modelled, NaN where it is unknown."""
+        their marks (n,), 0 where nothing is known."""
         in_cluster = np.zeros(self.points.shape[:2], dtype=bool)
         in_cluster.ravel()[self.cluster] = True
-        if not self.is_organised:
+        if self.is_organised:
+            window = self._window(sphere)
+            points = np.ascontiguousarray(self.points[window]).reshape(-1, 3)
+            own = in_cluster[window].ravel()
+            marks = None if self.marks is None else self.marks[window].ravel()
+        else:
             near = self._cone(sphere)
-            nothing = np.full(len(near), np.nan, dtype=np.float32)
-            return self.points[0, near], in_cluster[0, near], nothing
-        window = self._window(sphere)
-        points = np.ascontiguousarray(self.points[window]).reshape(-1, 3)
-        before = np.full(len(points), np.nan, dtype=np.float32)
-        if self.before is not None:
-            before = self.before[window].ravel()
-        return points, in_cluster[window].ravel(), before
+            points, own = self.points[0, near], in_cluster[0, near]
+            marks = None if self.marks is None else self.marks[0, near]
+        return points, own, np.zeros(len(points), np.uint8) if marks is None else marks
 
     def _window(self, sphere: NDArray[np.float64]) -> tuple[slice, slice]:
         """Rows and columns of an organised cloud that hold a sphere's outline and what is round

@@ -10,6 +10,28 @@ from numpy.typing import NDArray
 from intuitive_physics.shapes import Box, Capsule
 
 
+@dataclass(frozen=True)
+class Outline:
+    """How a sphere stands apart from what is about it.
+
+    Parameters
+    ----------
+    new : part of its readings that lie where nothing was before; None where nothing is known of it
+    goes_on : part of the ring round its outline in which its cluster goes on
+    level : part of the ring in which any surface goes on
+    level_off_planes : the same for what is on no plane of the environment
+    ends : part of the ring in which what is read lies behind all that could go on
+    visible : part of the outline's disc in which its surface is read
+    """
+
+    new: float | None
+    goes_on: float
+    level: float
+    level_off_planes: float
+    ends: float
+    visible: float
+
+
 @dataclass(frozen=True, eq=False)
 class DetectedSphere:
     """A sphere in one frame.
@@ -25,6 +47,7 @@ class DetectedSphere:
     systematic : (4, 4) m², the part of the covariance that all frames share
     sweep : (3,) m, way of the centre during the exposure, in the middle of which it is at `center`;
         either end may be the first
+    outline : how it stands apart; None where that was not looked at
     """
 
     center: NDArray[np.float64]
@@ -35,6 +58,7 @@ class DetectedSphere:
     color: NDArray[np.float64] | None = None
     systematic: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4)))
     sweep: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    outline: Outline | None = None
 
     @property
     def numbers(self) -> NDArray[np.float64]:

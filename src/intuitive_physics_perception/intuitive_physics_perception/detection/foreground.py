@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from intuitive_physics.kernels import allocating_entry, allocating_kernel, kernel
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
+from intuitive_physics_perception.environment.known_space import KNOWN, NEW, UNKNOWN, KnownSpace
 from intuitive_physics_perception.environment.noise import CHANGE_SIGMAS, RangeNoise
 from intuitive_physics_perception.environment.planes import DetectedPlane
 from intuitive_physics_perception.settings import PerceptionSettings
@@ -37,13 +37,6 @@ FINEST_CELLS = 1e4
 """Cells along a radian of direction, or a unit of the logarithm of range, at most: numerical, the
 number of all cells has to fit into 64 bits, and no sensor is that fine."""
 
-BETWEEN_READINGS = 2.0
-"""Spacings of readings within which a surface that was seen is seen again: from elsewhere readings
-lie between those before, and the spacing along a slanted surface is wider. Our choice."""
-
-KNOWN, NEW = 1, 2
-"""Marks of the foreground: what was there when the environment was modelled, and what came."""
-
 
 @dataclass(frozen=True, eq=False)
 class Clusters:
@@ -52,28 +45,34 @@ class Clusters:
     Parameters
     ----------
     indices : for each cluster (n,) indices into the frame's points in row-major order
-    new : for each cluster whether it came into the scene since the environment was modelled, or is
-        an object of the last frame
+    new : for each cluster whether it came where nothing was, or is an object of the last frame
     foreground : number of points off all planes
     readings : number of points in range
+    marks : (height, width) of each point off all planes KNOWN, NEW or UNKNOWN, 0 of the others;
+        None where nothing is known of the space
     """
 
     indices: list[NDArray[np.int64]]
     new: list[bool]
     foreground: int
     readings: int
+    marks: NDArray[np.uint8] | None = None
+
+    @property
+    def unknown(self) -> int:
+        """Number of points where nobody has looked before."""
+        return 0 if self.marks is None else int(np.count_nonzero(self.marks == UNKNOWN))
 
 
 class ForegroundFinder:
     """Takes the planes of one environment out of frames and clusters what is left.
 
-    What came into an organised frame since the environment was modelled makes clusters of its own,
-    so that what lies or flies close before something else is separated from it.
+    What came where nothing was makes clusters of its own, so that what lies or flies close before
+    something else is separated from it.
 
-    `before` (height, width) m, what an organised cloud read when the environment was modelled, NaN
-    where nothing was; None where it is not known; `clutter`: what else stands there, for a sensor
-    that has moved, whose pixels have other rays in each frame; None where they always have the
-    same.
+    `before` (height, width) m, what each pixel of an organised cloud read when the environment was
+    modelled, NaN where nothing was; None where readings have no fixed rays; `space`: what is known
+    of the space, for these; None where nothing is.
     """
 
     def __init__(
@@ -81,11 +80,11 @@ class ForegroundFinder:
         model: EnvironmentModel,
         settings: PerceptionSettings,
         before: NDArray[np.float32] | None = None,
-        clutter: Clutter | None = None,
+        space: KnownSpace | None = None,
     ) -> None:
         self._model = model
         self._settings = settings
-        self._clutter = clutter
+        self._space = space
         # A sensor that has come behind a plane sees nothing of it.
         self._planes = [plane for plane in model.detected if plane.offset < 0.0]
         self._noise = model.noise
@@ -118,49 +117,55 @@ class ForegroundFinder:
 
     def find(self, points: NDArray[np.float32]) -> Clusters:
         """Cluster the foreground of a frame of points (height, width, 3)."""
-        if points.shape[0] > 1:
-            return self._find_in_image(points)
-        before, readings = readings_before(points[0], *self._bounds, self._limits)
-        indices = self._unorganised_clusters(points[0], before)
-        return Clusters(indices, [False] * len(indices), len(before), readings)
+        if points.shape[0] > 1 and self._space is None:
+            marks, readings = self._marks_of_pixels(points)
+            is_known = self._changes is not None
+        else:
+            marks, readings = self._marks_of_readings(points)
+            is_known = self._space is not None
+        groups = np.minimum(marks, NEW)
+        fresh = marks == NEW
+        if is_known and self._objects.size and points.shape[0] > 1:
+            shown = self._objects[groups.ravel()[self._objects] > 0]
+            groups.ravel()[shown], fresh.ravel()[shown] = NEW, True
+        indices = self._clusters(points, groups)
+        new = [is_known and bool(fresh.ravel()[cluster].mean() > 0.5) for cluster in indices]
+        return Clusters(
+            indices, new, int(np.count_nonzero(marks)), readings, marks if is_known else None
+        )
 
-    def _find_in_image(self, points: NDArray[np.float32]) -> Clusters:
-        if self._clutter is not None:
-            return self._find_in_moved_image(points, self._clutter)
+    def _marks_of_pixels(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], int]:
+        """Marks (height, width) of pixels whose rays stay; all KNOWN where nothing is known."""
         free = self._free_of(points)
-        changes = self._changes
-        if changes is None or changes.shape != free.shape:
-            changes = np.zeros_like(free)
-        mask, readings = _foreground(points, free, changes, self._limits)
-        marks = mask.ravel()
-        if changes is self._changes:
-            shown = self._objects[marks[self._objects] > 0]
-            marks[shown] = NEW
-        indices = self._organised_clusters(points, mask)
-        new = [bool(marks[cluster[0]] == NEW) for cluster in indices]
-        return Clusters(indices, new, int(np.count_nonzero(mask)), readings)
+        if self._changes is None or self._changes.shape != free.shape:
+            self._changes = None
+            return _foreground(points, free, np.zeros_like(free), self._limits)
+        return _foreground(points, free, self._changes, self._limits)
 
-    def _find_in_moved_image(self, points: NDArray[np.float32], clutter: Clutter) -> Clusters:
+    def _marks_of_readings(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], int]:
+        """Marks (height, width) of readings with rays of their own; all KNOWN where nothing is
+        known."""
         flat = points.reshape(-1, 3)
         before, readings = readings_before(flat, *self._bounds, self._limits)
-        before = before[~self._on_planes(flat[before])]
-        is_clutter = clutter.holds(flat[before], self._model)
-        mask = np.zeros(points.shape[:2], dtype=np.uint8)
-        mask.ravel()[before] = np.where(is_clutter, KNOWN, NEW)
-        clusters = self._organised_clusters(points, mask)
-        indices = [cluster for cluster in clusters if mask.ravel()[cluster[0]] == NEW]
-        return Clusters(indices, [True] * len(indices), len(before), readings)
+        marks = np.zeros(len(flat), dtype=np.uint8)
+        if self._space is None:
+            marks[before] = KNOWN
+        else:
+            off = before[off_planes(flat[before], self._bounds[0], self._bounds[-1], self._limits)]
+            marks[off] = self._space.marks(flat[off], self._model.sensor_pose)
+        return marks.reshape(points.shape[:2]), readings
 
-    def _on_planes(self, points: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Mark the points (n, 3) on a plane, beyond its hull, too: a sensor that has moved sees
-        more of a wall."""
-        deviations = self._noise.deviation(np.linalg.norm(points, axis=1))
-        margins = np.hypot(self._settings.plane_sigmas * deviations, self._settings.plane_tolerance)
-        on = np.zeros(len(points), dtype=bool)
-        for plane in self._planes:
-            over = points @ plane.normal.astype(points.dtype) - plane.offset
-            on |= np.abs(over - plane.heights(points)) <= margins
-        return on
+    def _clusters(
+        self, points: NDArray[np.float32], groups: NDArray[np.uint8]
+    ) -> list[NDArray[np.int64]]:
+        if points.shape[0] > 1:
+            return self._organised_clusters(points, groups)
+        parts = [
+            cluster
+            for group in (KNOWN, NEW)
+            for cluster in self._unorganised_clusters(points[0], np.flatnonzero(groups == group))
+        ]
+        return sorted(parts, key=len, reverse=True)
 
     def _free_of(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
         """Squared range at which each ray comes to a plane, (height, width) m².
@@ -201,47 +206,6 @@ class ForegroundFinder:
         return [
             indices[labels == k] for k in largest_first if sizes[k] >= self._settings.min_points
         ]
-
-
-class Clutter:
-    """Readings before the planes when an environment was modelled, to be recognised from elsewhere.
-
-    `points` (height, width, 3) m, what was seen when it was modelled.
-    """
-
-    def __init__(
-        self, points: NDArray[np.float32], model: EnvironmentModel, settings: PerceptionSettings
-    ) -> None:
-        flat = points.reshape(-1, 3)
-        finder = ForegroundFinder(model, settings)
-        clutter = flat[finder.before(flat)].astype(np.float64)
-        self._tree = KDTree(model.to_environment(clutter))
-        ranges = np.linalg.norm(clutter, axis=1)
-        spacing = BETWEEN_READINGS * _angle_between_pixels(points) * ranges
-        self._reach = spacing + CHANGE_SIGMAS * model.noise.deviation(ranges)
-
-    def holds(self, points: NDArray[np.float32], model: EnvironmentModel) -> NDArray[np.bool_]:
-        """Return which readings (n,) may be of it.
-
-        `points` (n, 3) m in the sensor's frame.
-        """
-        readings = points.astype(np.float64)
-        if not len(self._reach) or not len(readings):
-            return np.zeros(len(readings), dtype=bool)
-        spread = CHANGE_SIGMAS * model.noise.deviation(np.linalg.norm(readings, axis=1))
-        distances, nearest = self._tree.query(
-            model.to_environment(readings), distance_upper_bound=self._reach.max() + spread.max()
-        )
-        # What is farther has the index after the last one.
-        return np.asarray(distances <= np.append(self._reach, 0.0)[nearest] + spread)
-
-
-def _angle_between_pixels(points: NDArray[np.float32]) -> float:
-    """Median angle in rad between the rays of neighbours in a row of points (height, width, 3)."""
-    rays = points / np.linalg.norm(points, axis=2, keepdims=True)
-    angles = np.linalg.norm(np.diff(rays, axis=1), axis=2)
-    finite = angles[np.isfinite(angles)]
-    return float(np.median(finite)) if finite.size else 0.0
 
 
 def _bounds_of(
@@ -366,11 +330,16 @@ def _rise(rises: Any, x: Any, y: Any, z: Any, ranges: Any, n: int, relief: Any) 
     if relief[0] == 0.0 and relief[1] == 0.0 and relief[2] == 0.0:
         return
     for i in range(n):
-        a = ranges[i] * (x[i] * relief[0] + y[i] * relief[1] + z[i] * relief[2]) - relief[6]
-        b = ranges[i] * (x[i] * relief[3] + y[i] * relief[4] + z[i] * relief[5]) - relief[7]
-        a, b = min(max(a, -1.0), 1.0), min(max(b, -1.0), 1.0)
-        rises[i] = relief[8] + relief[9] * a + relief[10] * b
-        rises[i] += relief[11] * a * a + relief[12] * a * b + relief[13] * b * b
+        rises[i] = _height(ranges[i] * x[i], ranges[i] * y[i], ranges[i] * z[i], relief)
+
+
+@kernel
+def _height(x: Any, y: Any, z: Any, relief: Any) -> Any:
+    """Height in m of a surface over its plane where a reading stands over it."""
+    a = min(max(x * relief[0] + y * relief[1] + z * relief[2] - relief[6], -1.0), 1.0)
+    b = min(max(x * relief[3] + y * relief[4] + z * relief[5] - relief[7], -1.0), 1.0)
+    flat = relief[8] + relief[9] * a + relief[10] * b
+    return flat + relief[11] * a * a + relief[12] * a * b + relief[13] * b * b
 
 
 @kernel
@@ -390,6 +359,25 @@ def _leave_openings(
         column = int(np.floor(far * (x[i] * grid[3] + y[i] * grid[4] + z[i] * grid[5]) - grid[7]))
         if 0 <= row < rows and 0 <= column < columns:
             inside[i] = not cells[first + row * columns + column]
+
+
+@allocating_entry
+def off_planes(points: Any, planes: Any, reliefs: Any, limits: Any) -> Any:
+    """Mark the points (n, 3) m that lie on no plane, beyond its hull, either: a sensor that has
+    moved sees more of a wall.
+
+    `planes` (m, 6), `reliefs` (m, 14) and `limits` (5,) as in `readings_before`.
+    """
+    off = np.ones(points.shape[0], dtype=np.bool_)
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        range2 = x * x + y * y + z * z
+        variance = min(limits[2] + limits[3] * range2 * range2, limits[4])
+        for k in range(planes.shape[0]):
+            along = x * planes[k, 0] + y * planes[k, 1] + z * planes[k, 2] - planes[k, 3]
+            along -= _height(x, y, z, reliefs[k])
+            off[i] &= along * along > planes[k, 4] * variance + planes[k, 5]
+    return off
 
 
 def free_ranges(
@@ -428,17 +416,16 @@ def free_ranges(
 def changed_ranges(before: NDArray[np.float32], noise: RangeNoise) -> NDArray[np.float32]:
     """Squared range (height, width) m² below which a reading differs from the one before.
 
-    `before` (height, width) m, NaN where nothing was read: any reading differs from that.
+    `before` (height, width) m, NaN where nothing was read, and nothing is known.
     """
     nearest = before - CHANGE_SIGMAS * np.sqrt(2.0) * noise.deviation(before)
-    changes = np.square(np.maximum(nearest, 0.0))
-    return np.where(np.isnan(before), np.inf, changes).astype(np.float32)
+    return np.square(np.maximum(nearest, 0.0)).astype(np.float32)
 
 
 @allocating_entry
 def _foreground(points: Any, free: Any, changes: Any, limits: Any) -> tuple[Any, int]:
     """Mark points in range and before all planes, which begin at the squared range `free`, as NEW
-    below the squared range `changes` and as KNOWN beyond it.
+    below the squared range `changes`, as KNOWN beyond it and as UNKNOWN where that is NaN.
 
     No branch, which the compiler turns into vector code.
     """
@@ -452,7 +439,9 @@ def _foreground(points: Any, free: Any, changes: Any, limits: Any) -> tuple[Any,
             range2 = x * x + y * y + z * z
             # NaN compares false with everything.
             read = (range2 >= min_range2) & (range2 <= max_range2)
-            mask[v, u] = (read & (range2 < free[v, u])) * (KNOWN + (range2 < changes[v, u]))
+            change = changes[v, u]
+            mark = KNOWN + (range2 < change) + (UNKNOWN - KNOWN) * np.isnan(change)
+            mask[v, u] = (read & (range2 < free[v, u])) * mark
             readings += read
     return mask, readings
 
@@ -494,7 +483,7 @@ def grid_clusters(
     """Connect neighbouring pixels of one mark whose range does not jump; 8-connected.
 
     `points` (height, width, 3) float32 m; `mask` (height, width) uint8, nonzero in the foreground,
-    there KNOWN or NEW; `limits` (5,) float32, squares of range and noise parameters as in
+    there the number of a group; `limits` (5,) float32, squares of range and noise parameters as in
     `ForegroundFinder`; `constant` in m, difference of range that is a jump; `sigmas`: standard
     deviations of the range that are added to it. Returns `order` (n,) indices of pixels, those of
     one cluster together; `starts` (n_clusters + 1,) where each cluster starts in `order`.

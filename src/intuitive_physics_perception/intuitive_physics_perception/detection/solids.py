@@ -54,6 +54,12 @@ class SolidFinder:
         self._memory: ClusterMemory[DetectedSolid] = ClusterMemory(
             MOVEMENT * settings.min_radius, model.noise
         )
+        self.look_from(model)
+
+    def look_from(self, model: EnvironmentModel) -> None:
+        """Take the same environment as the sensor sees it now."""
+        self._model = model
+        self._memory.look_from(model.sensor_pose)
 
     def find(
         self,

@@ -17,7 +17,7 @@ from intuitive_physics_perception.detection.sphere_fit import (
     INLIER_SIGMAS,
     surface_error,
 )
-from intuitive_physics_perception.environment.noise import CHANGE_SIGMAS
+from intuitive_physics_perception.environment.known_space import NEW
 
 LATTICE = 0.15
 """Spacing, in radii, of the lattice over the outline on which seen places are marked. Set by
@@ -83,15 +83,16 @@ class OutlineView(NamedTuple):
     going_on : (SECTORS,) part of each sector of the ring in which the cluster goes on
     level : part of the ring's sectors in which any surface goes on past the outline, as a plate
         does round a bulge
+    level_off_planes : the same for what is on no plane of the environment
     ends : part of the ring's sectors in which what is read lies behind all that could go on
-    new : part of the readings on the surface that are nearer than what was read there before, or
-        where nothing was
+    new : part of the readings on the surface that lie where nothing was before
     patches : (n_patches, 3) number of readings on the surface, mean of their distance outside it,
         m, and mean variance of that distance, m², by patch of the disc
     """
 
     going_on: Any
     level: float
+    level_off_planes: float
     ends: float
     new: float
     patches: Any
@@ -183,7 +184,7 @@ def _sector(a: float, b: float) -> int:
 
 @allocating_entry
 def look_round_outline(
-    points: Any, own: Any, before: Any, sphere: Any, pixel: float, noise: Any
+    points: Any, own: Any, marks: Any, sphere: Any, pixel: float, noise: Any
 ) -> OutlineView:
     """Judge the ring outside a sphere's outline, and whether its surface is new.
 
@@ -193,8 +194,8 @@ def look_round_outline(
     s radii across the line of sight, (s - 1) tan(angle) radii behind the outline, and no more.
 
     `points` (n, 3) readings about the sphere, may hold NaN; `own` (n,) nonzero where a reading
-    belongs to the cluster in which the sphere was found; `before` (n,) m, range read there when the
-    environment was modelled, NaN where it is unknown; `sphere` (4,).
+    belongs to the cluster in which the sphere was found; `marks` (n,) of the readings, NEW
+    where nothing was before, 0 on planes; `sphere` (4,).
     """
     cx, cy, cz, r = sphere[0], sphere[1], sphere[2], sphere[3]
     across, upwards = line_of_sight_axes(sphere)
@@ -204,6 +205,7 @@ def look_round_outline(
     outer = inner + max(RING_WIDTH, 2.0 * pixel * distance / r)
     same = np.zeros(SECTORS, dtype=np.int64)
     near = np.zeros(SECTORS, dtype=np.int64)
+    off_planes = np.zeros(SECTORS, dtype=np.int64)
     total = np.zeros(SECTORS, dtype=np.int64)
     patches = np.zeros((PATCH_RINGS * SECTORS, 3))
     new, on_surface = 0, 0
@@ -222,9 +224,7 @@ def look_round_outline(
             if error * error > INLIER_SIGMAS**2 * variance or ahead < -BEHIND_SIGMAS * deviation:
                 continue
             on_surface += 1
-            change = before[i] - sqrt(x * x + y * y + z * z)
-            # NaN, where nothing was read, is not at most anything.
-            new += not change <= CHANGE_SIGMAS * 1.4142136 * deviation
+            new += marks[i] == NEW
             if sine < EDGE_PART:
                 # Rings of equal area: as many readings in each.
                 ring = int(sine * sine / (EDGE_PART * EDGE_PART) * PATCH_RINGS)
@@ -236,16 +236,19 @@ def look_round_outline(
             behind = STEEPEST_SLOPE * (sine - 1.0) * r + BEHIND_SIGMAS * deviation
             total[sector] += 1
             near[sector] += ahead > -behind
+            off_planes[sector] += marks[i] != 0 and ahead > -behind
             same[sector] += own[i] != 0 and ahead > -behind
-    level, ends = 0, 0
+    level, level_off_planes, ends = 0, 0, 0
     for k in range(SECTORS):
         level += 2 * near[k] > total[k]
+        level_off_planes += 2 * off_planes[k] > total[k]
         ends += 2 * near[k] <= total[k] and total[k] > 0
     for k in range(patches.shape[0]):
         patches[k, 1:] /= max(patches[k, 0], 1.0)
     return OutlineView(
         same / np.maximum(total, 1),
         level / SECTORS,
+        level_off_planes / SECTORS,
         ends / SECTORS,
         new / max(on_surface, 1),
         patches,

@@ -10,6 +10,7 @@ from itertools import zip_longest
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics_perception.detection.cluster_memory import (
     MOVEMENT,
     ClusterMemory,
@@ -113,25 +114,23 @@ class RecentFrames:
 
 
 class SphereFinder:
-    """Finds spheres in the foreground of frames.
-
-    `before` (height, width) m, what an organised cloud read when the environment was modelled, NaN
-    where nothing was; None where it is not known.
-    """
+    """Finds spheres in the foreground of frames."""
 
     def __init__(
         self,
         noise: RangeNoise,
         settings: PerceptionSettings,
         rng: np.random.Generator,
-        before: NDArray[np.float32] | None = None,
     ) -> None:
-        self._before = before
         self._settings = settings
         self._memory: ClusterMemory[None] = ClusterMemory(MOVEMENT * settings.min_radius, noise)
         self._lateral = noise.lateral
-        self._fitter = SphereFitter(noise, settings, rng, knows_before=before is not None)
+        self._fitter = SphereFitter(noise, settings, rng)
         self._hypotheses = SphereHypotheses(self._fitter, settings, rng)
+
+    def look_from(self, pose: RigidTransform) -> None:
+        """Take the pose of the sensor in a frame that stands still."""
+        self._memory.look_from(pose)
 
     def find(
         self,
@@ -169,8 +168,7 @@ class SphereFinder:
             may_search = left > 0 and not (memory.has_just_come and others_wait)
             effort = self._effort(memory.deserves_a_search, may_search)
             inside = self._spheres_in(
-                points,
-                cluster,
+                ClusterView(points, cluster, clusters.marks),
                 readings,
                 followed[k],
                 effort,
@@ -207,7 +205,7 @@ class SphereFinder:
             part = self._fitter.part_inside(readings, start)
             if part.total < self._settings.min_points:
                 continue
-            view = ClusterView(points, cluster, self._before)
+            view = ClusterView(points, cluster, clusters.marks)
             detected = self._fitter.fitted(view, part, replace(start, size_is_known=True))
             if detected is not None:
                 return detected
@@ -227,8 +225,7 @@ class SphereFinder:
 
     def _spheres_in(
         self,
-        points: NDArray[np.float32],
-        cluster: NDArray[np.int64],
+        whole: ClusterView,
         readings: NDArray[np.float64],
         expected: Sequence[Start],
         effort: Effort,
@@ -237,9 +234,9 @@ class SphereFinder:
         may_move: bool,
     ) -> ClusterSpheres:
         candidates: list[Candidate] = []
-        left, rest = cluster, readings
+        left, rest = whole.cluster, readings
         while len(candidates) < SPHERES_IN_CLUSTER and len(rest) >= self._settings.min_points:
-            view = ClusterView(points, left, self._before)
+            view = whole.part(left)
             candidate = self._best_sphere(
                 view, rest, expected, effort, budget, may_move=may_move and not candidates
             )
@@ -251,18 +248,17 @@ class SphereFinder:
             off = self._miss(rest, candidate.sphere)
             left, rest = left[off], rest[off]
         if len(candidates) > 1 or any(earlier.must_end for earlier in candidates):
-            candidates = self._apart(points, cluster, readings, candidates)
+            candidates = self._apart(whole, readings, candidates)
         off = np.ones(len(readings), dtype=bool)
         for earlier in candidates:
             off &= self._miss(readings, earlier.sphere)
         return ClusterSpheres(
-            cluster, [earlier.sphere for earlier in candidates], float(off.mean())
+            whole.cluster, [earlier.sphere for earlier in candidates], float(off.mean())
         )
 
     def _apart(
         self,
-        points: NDArray[np.float32],
-        cluster: NDArray[np.int64],
+        whole: ClusterView,
         readings: NDArray[np.float64],
         candidates: list[Candidate],
     ) -> list[Candidate]:
@@ -276,7 +272,7 @@ class SphereFinder:
                         off &= self._miss(readings, other.sphere)
                 if off.sum() < self._settings.min_points:
                     continue
-                view = ClusterView(points, cluster[off], self._before)
+                view = whole.part(whole.cluster[off])
                 most = TOUCHING_GOES_ON if candidate.must_end else NEW_GOES_ON
                 start = replace(
                     candidate.start, sphere=candidate.sphere.numbers, sweep=candidate.sphere.sweep

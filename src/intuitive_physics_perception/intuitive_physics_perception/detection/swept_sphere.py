@@ -80,7 +80,7 @@ class SweptView(ClusterView):
     def __init__(
         self, view: ClusterView, sphere: NDArray[np.float64], sweep: NDArray[np.float64]
     ) -> None:
-        super().__init__(view.points, view.cluster, view.before)
+        super().__init__(view.points, view.cluster, view.marks)
         self._ball = sphere, sweep
 
     def around(self, sphere: NDArray[np.float64]) -> tuple[NDArray[np.float32], int]:
@@ -90,11 +90,11 @@ class SweptView(ClusterView):
 
     def surroundings(
         self, sphere: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.float32]]:
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.uint8]]:
         """Return readings (n, 3) m about a sphere (4,), moved, which are the cluster's (n,), and
-        what was read there before (n,) m."""
-        points, own, before = super().surroundings(self._with_way(sphere))
-        return self._moved(points), own, before
+        their marks (n,)."""
+        points, own, marks = super().surroundings(self._with_way(sphere))
+        return self._moved(points), own, marks
 
     def _with_way(self, sphere: NDArray[np.float64]) -> NDArray[np.float64]:
         """The sphere (4,), so large that it covers what moves onto it."""

@@ -156,9 +156,13 @@ def in_polygon(
 
 def angle_between_readings(cloud: RangeCloud, rng: np.random.Generator) -> float:
     """Median angle, rad, from a reading to the nearest other one."""
+    return _nearest_angle(cloud.points / cloud.ranges[:, None], rng)
+
+
+def _nearest_angle(directions: NDArray[np.float64], rng: np.random.Generator) -> float:
+    """Median angle, rad, from a direction, of unit vectors (n, 3), to the nearest other one."""
     from scipy.spatial import cKDTree
 
-    directions = cloud.points / cloud.ranges[:, None]
     asked = directions[rng.permutation(len(directions))[:ANGLES_ASKED]]
     distances = cKDTree(directions).query(asked, k=2)[0][:, 1]
     return float(np.median(distances))
@@ -188,3 +192,15 @@ def angle_between_lines(points: NDArray[np.float64]) -> float:
     across = apart & (along < np.sqrt(0.5) * distances)
     rows = np.flatnonzero(across.any(axis=1))
     return float(np.median(distances[rows, across[rows].argmax(axis=1)])) if rows.size else 0.0
+
+
+def spacing_of(frame: NDArray[np.float32], rng: np.random.Generator) -> float:
+    """Median angle, rad, between neighbouring readings of a frame (height, width, 3) m."""
+    if frame.shape[0] == 1:
+        points = frame[0][np.isfinite(frame[0, :, 2])].astype(np.float64)
+        ranges = np.linalg.norm(points, axis=1)
+        return _nearest_angle(points[ranges > 0.0] / ranges[ranges > 0.0, None], rng)
+    rays = frame / np.linalg.norm(frame, axis=2, keepdims=True)
+    angles = np.linalg.norm(np.diff(rays, axis=1), axis=2)
+    finite = angles[np.isfinite(angles)]
+    return float(np.median(finite)) if finite.size else 0.0

@@ -17,6 +17,7 @@ from intuitive_physics_perception.detection.detections import (
 )
 from intuitive_physics_perception.detection.fitted_sphere import Start
 from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_perception.tracking.existence import evidence_of_outline, log_odds
 from intuitive_physics_perception.tracking.kinds import (
     RADIUS_GATE,
     RADIUS_SLACK,
@@ -226,7 +227,7 @@ class Tracker:
                     self._filter.change_kind(track, detection)
                 fading = unseen / COLOR_TIME
                 track.take_color(detection.color, -float(np.expm1(-fading)))
-                settle(track, self._settings)
+                settle(track, self._settings, detection)
                 self._classify(track)
             track.close_step(detection)
             self._follow_rest(track)
@@ -238,6 +239,16 @@ class Tracker:
         ]
         self._tracks = [track for track in self._tracks if not self._was_no_ball(track)]
         return [track for track in ended if track.confirmed]
+
+    def objects_among(self, detections: Sequence[Detection]) -> list[int]:
+        """Return which detections of the last frame are of objects: those of tracks that are, and
+        those that are on their own more likely objects than not."""
+        taken = {id(track.steps[-1].detection) for track in self.tracks}
+        return [
+            k
+            for k, detection in enumerate(detections)
+            if id(detection) in taken or evidence_of_outline(detection) > 0.0
+        ]
 
     def take_earlier(self, track: Track) -> None:
         """Filter a track again from its earliest detection and end the search for earlier ones.
@@ -351,7 +362,7 @@ class Tracker:
         track = self._filter.begin(self.next_number, time, detection)
         track.identity = self._identity
         track.take_color(detection.color, 1.0)
-        settle(track, self._settings)
+        settle(track, self._settings, detection)
         self._classify(track)
         track.close_step(detection)
         self.next_number += 1
@@ -393,9 +404,17 @@ def color_cost(first: NDArray[np.float64] | None, second: NDArray[np.float64] | 
     return min(distance2, MAX_COLOR_COST)
 
 
-def settle(track: Track, settings: PerceptionSettings) -> None:
-    """Call a track an object as soon as that is clear, and a known one where it is."""
-    if not track.confirmed and _is_settled(track, settings):
+def settle(track: Track, settings: PerceptionSettings, newest: Detection | None = None) -> None:
+    """Call a track an object as soon as that is clear, and a known one where it is.
+
+    `newest`: detection of it that is in no step yet.
+    """
+    if track.confirmed or not _is_settled(track, settings):
+        return
+    detections = [detection for _, detection in detections_of(track.steps)]
+    if newest is not None:
+        detections.append(newest)
+    if track.identity is not None or log_odds(detections) > 0.0:
         track.confirmed = True
         _recognise(track, settings)
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.sphere_inspection import look_round_outline
+from intuitive_physics_perception.environment.known_space import KNOWN, NEW, UNKNOWN
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -176,38 +177,34 @@ def test_a_ball_that_touches_a_box_is_found() -> None:
     assert all_are_found(by_frame, [(center, radius)])
 
 
-def outline_view(before: NDArray[np.float32], shapes: Sequence[Shape], sphere: Sequence[float]):
+def outline_view(mark: int, shapes: Sequence[Shape], sphere: Sequence[float]):
     points = frame(shapes, np.random.default_rng(0)).reshape(-1, 3)
     inside = points[:, 2] < WALL - 0.05
     noise = np.square([NOISE, 0.0, 1.0, 1e-4])
-    return look_round_outline(points, inside, before.ravel(), np.array(sphere), 1.0 / FOCAL, noise)
+    marks = np.where(inside, mark, 0).astype(np.uint8)
+    return look_round_outline(points, inside, marks, np.array(sphere), 1.0 / FOCAL, noise)
 
 
 def test_the_ring_tells_a_ball_from_a_bulge() -> None:
-    unknown = np.full((HEIGHT, WIDTH), np.nan, dtype=np.float32)
     sphere = [0.0, 0.0, 1.0, 0.08]
-    view = outline_view(unknown, [ball(sphere[:3], 0.08)], sphere)
-    assert (np.mean(view.going_on > 0.5), view.level, view.ends, view.new) == (0.0, 0.0, 1.0, 1.0)
+    view = outline_view(NEW, [ball(sphere[:3], 0.08)], sphere)
+    assert (np.mean(view.going_on > 0.5), view.level, view.ends) == (0.0, 0.0, 1.0)
     # Half of a ball on a plate through its centre: the plate goes on all round.
     plate = box([0.0, 0.0, 1.05], [0.5, 0.5, 0.1])
-    view = outline_view(unknown, [ball(sphere[:3], 0.08), plate], sphere)
+    view = outline_view(NEW, [ball(sphere[:3], 0.08), plate], sphere)
     assert (np.mean(view.going_on > 0.5), view.level, view.ends) == (1.0, 1.0, 0.0)
 
 
-def test_what_was_read_before_is_not_new() -> None:
+@pytest.mark.parametrize(("mark", "part"), [(NEW, 1.0), (KNOWN, 0.0), (UNKNOWN, 0.0)])
+def test_only_what_lies_where_nothing_was_is_new(mark, part) -> None:
     sphere = [0.0, 0.0, 1.0, 0.08]
-    shapes = [ball(sphere[:3], 0.08)]
-    there = np.linalg.norm(frame(shapes, np.random.default_rng(1)), axis=2)
-    assert outline_view(there, shapes, sphere).new < 0.05
-    wall = np.linalg.norm(frame([], np.random.default_rng(1)), axis=2)
-    assert outline_view(wall, shapes, sphere).new > 0.95
+    assert outline_view(mark, [ball(sphere[:3], 0.08)], sphere).new == part
 
 
 def test_patches_of_a_ball_have_the_errors_of_the_noise_and_those_of_an_ellipsoid_more() -> None:
-    unknown = np.full((HEIGHT, WIDTH), np.nan, dtype=np.float32)
     sphere = [0.0, 0.0, 1.0, 0.08]
     for stretch, least, most in ((1.0, 0.5, 2.0), (1.1, 5.0, np.inf)):
         shape = ellipsoid(sphere[:3], [0.08 * stretch, 0.08, 0.08])
-        patches = outline_view(unknown, [shape], sphere).patches
+        patches = outline_view(NEW, [shape], sphere).patches
         readings, errors, variances = patches[patches[:, 0] > 0].T
         assert least < np.mean(errors**2 * readings / variances) < most

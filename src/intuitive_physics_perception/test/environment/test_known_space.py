@@ -1,0 +1,113 @@
+"""What lies where one has looked and nothing stood is new; what lies elsewhere is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from intuitive_physics.frames.change_of_frame import RigidTransform
+from intuitive_physics_perception.environment.known_space import (
+    KNOWN,
+    MOST_VIEWS,
+    NEW,
+    UNKNOWN,
+    KnownSpace,
+)
+from intuitive_physics_perception.environment.noise import RangeNoise
+
+NOISE = RangeNoise(0.002, 0.0, 0.05, 1e-4)
+WALL = 3.0
+SPACING = 0.004
+TANGENT = 0.5
+"""Of the half angle of the camera's image."""
+
+EDGE = 4.0 * SPACING * WALL
+"""Distance from an edge within which cells of directions hold both of its sides, m."""
+
+
+def wall_frame(post: bool = False) -> NDArray[np.float32]:
+    """A wall across the optical axis; a post of 0.4 m at half the distance, if there is one."""
+    a = np.linspace(-TANGENT, TANGENT, round(2.0 * TANGENT / SPACING))
+    x, y = np.meshgrid(a, a)
+    depth = np.full_like(x, WALL)
+    if post:
+        depth[np.abs(x) * 0.5 * WALL < 0.2] = 0.5 * WALL
+    return np.stack([x * depth, y * depth, depth], axis=-1).astype(np.float32)
+
+
+def space_of(*frames: NDArray[np.float32]) -> KnownSpace:
+    space = KnownSpace(NOISE, SPACING)
+    for frame in frames:
+        space.take(space.view([frame], RigidTransform()))
+    return space
+
+
+def mark_of(space: KnownSpace, place: tuple[float, float, float], pose: RigidTransform) -> int:
+    """Mark of a reading at a place of the frame that stands still."""
+    reading = pose.inverse.points(np.array([place])).astype(np.float32)
+    return int(space.marks(reading, pose)[0])
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    depth=st.floats(0.3, 5.0),
+    x=st.floats(-2.0, 2.0),
+    y=st.floats(-2.0, 2.0),
+    shift=st.tuples(*[st.floats(-0.5, 0.5)] * 3),
+    angle=st.floats(-np.pi, np.pi),
+)
+def test_a_ray_was_free_up_to_what_was_read_on_it(depth, x, y, shift, angle) -> None:
+    """Before the wall within the image NEW, at it KNOWN, behind it and beside the image UNKNOWN,
+    wherever the sensor is now."""
+    half = 0.5 * angle
+    pose = RigidTransform(shift, (0.0, np.sin(half), 0.0, np.cos(half)))
+    found = mark_of(space_of(wall_frame()), (x, y, depth), pose)
+    sideways = max(abs(x), abs(y)) / depth
+    if sideways > TANGENT + 4.0 * SPACING:
+        assert found == UNKNOWN
+    elif sideways < TANGENT - 4.0 * SPACING:
+        if depth < WALL - 0.1:
+            assert found == NEW
+        elif depth > WALL + 0.1:
+            assert found == UNKNOWN
+        elif abs(depth - WALL) < 0.002:
+            assert found == KNOWN
+
+
+def test_what_a_post_hides_is_unknown() -> None:
+    space, here = space_of(wall_frame(post=True)), RigidTransform()
+    beside = 0.2 + EDGE
+    assert mark_of(space, (0.0, 0.0, 0.5 * WALL), here) == KNOWN
+    assert mark_of(space, (0.0, 0.0, 0.75 * WALL), here) == UNKNOWN
+    assert mark_of(space, (0.0, 0.0, WALL), here) == UNKNOWN
+    assert mark_of(space, (beside, 0.0, 0.5 * WALL), here) == NEW
+    assert mark_of(space, (0.0, 0.0, 0.25 * WALL), here) == NEW
+
+
+@pytest.mark.parametrize(("last", "mark"), [(False, NEW), (True, KNOWN)])
+def test_the_newest_view_tells(last, mark) -> None:
+    """Where a post has gone, one that comes is new; where it has come, it is known."""
+    space = space_of(wall_frame(post=not last), wall_frame(post=last))
+    assert mark_of(space, (0.0, 0.0, 0.5 * WALL), RigidTransform()) == mark
+
+
+def test_the_first_view_stays_however_many_come() -> None:
+    space = space_of(wall_frame())
+    behind = RigidTransform((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+    for _ in range(2 * MOST_VIEWS):
+        space.take(space.view([wall_frame()], behind))
+    assert mark_of(space, (0.0, 0.0, 1.0), RigidTransform()) == NEW
+    assert mark_of(space, (0.0, 0.0, -1.0), RigidTransform()) == NEW
+
+
+def test_frames_that_differ_fill_each_other() -> None:
+    """A scanner whose pattern does not repeat sees in many frames what none shows whole."""
+    frame = wall_frame().reshape(-1, 3)
+    parts = np.array_split(np.random.default_rng(0).permutation(frame), 8)
+    space = KnownSpace(NOISE, SPACING)
+    space.take(space.view([part[None] for part in parts], RigidTransform()))
+    before = (0.5 * frame).astype(np.float32)
+    assert (space.marks(before, RigidTransform()) == NEW).all()

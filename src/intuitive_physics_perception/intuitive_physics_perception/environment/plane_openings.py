@@ -31,7 +31,7 @@ NARROWEST = 3
 """Cells across the narrowest opening: a narrower one may be made by readings at edges, which mix
 what is on the plane and what is behind it."""
 
-READINGS_THROUGH = 30
+OPENING_READINGS = 30
 """Readings through an opening, at least. Set by hand."""
 
 CONVEX_FRACTION = 0.9
@@ -108,7 +108,7 @@ def opening_mask(
     from scipy.ndimage import binary_opening, distance_transform_edt, label
 
     solid, through = (places[in_polygon(hull, places)] for places in (solid, through))
-    if len(through) < READINGS_THROUGH:
+    if len(through) < OPENING_READINGS:
         return None
     low, high = hull.min(axis=0), hull.max(axis=0)
     cell = float(np.sqrt(READINGS_IN_CELL * _area(hull) / (len(solid) + len(through))))
@@ -129,7 +129,7 @@ def opening_mask(
     labels, count = label(is_open)
     passed = np.bincount(labels.ravel(), behind.ravel(), minlength=count + 1)
     passed[0] = 0.0
-    is_open = (passed >= READINGS_THROUGH)[labels]
+    is_open = (passed >= OPENING_READINGS)[labels]
     return (low, cell, is_open) if is_open.any() else None
 
 

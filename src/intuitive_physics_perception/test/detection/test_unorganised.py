@@ -120,6 +120,6 @@ def test_the_lines_on_a_ball_are_one_cluster(line_gap) -> None:
     points = lines_on_a_sphere(line_gap)
     labels = neighbour_labels(points, LINES_APART * angle_between_lines(points))
     # All but the outermost lines, whose ranges differ by more.
-    assert np.bincount(labels).max() > 0.8 * len(points)
+    assert np.bincount(labels).max() > 0.65 * len(points)
     # The gap that is usual for a camera leaves them apart.
     assert np.bincount(neighbour_labels(points, 0.03)).max() < 0.6 * len(points)

@@ -12,7 +12,11 @@ from numpy.typing import NDArray
 from intuitive_physics.kernels import allocating_entry
 from intuitive_physics.shapes import Box
 from intuitive_physics_perception.detection.detections import DetectedSolid
-from intuitive_physics_perception.environment.planes import DetectedPlane
+from intuitive_physics_perception.environment.planes import (
+    DetectedPlane,
+    least_squares_plane,
+    planes_through,
+)
 
 BOX_INLIERS = 0.88
 """Part of the readings that must lie on the faces of a box."""
@@ -246,19 +250,12 @@ def _best_plane(
 ) -> NDArray[np.float64] | None:
     """The plane (4,) with most points near, at about right angles to some normals."""
     triples = points[rng.integers(len(points), size=(FACE_HYPOTHESES, 3))]
-    crossed = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
-    lengths = np.linalg.norm(crossed, axis=1)
-    good = lengths > 1e-9
-    normals = crossed[good] / lengths[good, None]
+    planes = planes_through(triples)
     largest_cosine = float(np.cos(np.radians(FACE_ANGLE)))
     for other in upright_to:
-        upright = np.abs(normals @ other) < largest_cosine
-        normals, good = normals[upright], _narrowed(good, upright)
-    if not len(normals):
+        planes = planes[np.abs(planes[:, :3] @ other) < largest_cosine]
+    if not len(planes):
         return None
-    offsets = (normals * triples[good, 0]).sum(axis=1)
-    normals[offsets > 0.0] *= -1.0
-    planes = np.column_stack([normals, -np.abs(offsets)])
     every = max(len(points) // FACE_SCORED_POINTS, 1)
     # Other types of array would be compiled for while a frame waits.
     arrays = points[::every], deviations[::every], planes
@@ -269,23 +266,7 @@ def _best_plane(
     )
     best = planes[int(scores.argmax())]
     inliers = points[np.abs(_scaled(points, deviations, best)) < FACE_SIGMAS]
-    return _least_squares_plane(inliers) if len(inliers) >= 3 else None
-
-
-def _narrowed(chosen: NDArray[np.bool_], kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which of the chosen are kept."""
-    narrowed = np.zeros_like(chosen)
-    narrowed[np.flatnonzero(chosen)[kept]] = True
-    return narrowed
-
-
-def _least_squares_plane(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Plane (4,) through points (n, 3), its normal to the sensor's side."""
-    middle = points.mean(axis=0)
-    centred = points - middle
-    normal = np.linalg.eigh(centred.T @ centred)[1][:, 0]
-    normal = normal if normal @ middle < 0.0 else -normal
-    return np.append(normal, normal @ middle)
+    return least_squares_plane(inliers) if len(inliers) >= 3 else None
 
 
 def _scaled(
@@ -336,7 +317,7 @@ def _refined(
         parts = [points[face == k] for k in range(count)]
         if min(len(part) for part in parts) < FACE_READINGS:
             return None
-        fitted = [_least_squares_plane(part) for part in parts]
+        fitted = [least_squares_plane(part) for part in parts]
         weights = np.array([float(len(part)) for part in parts])
         rotation = _right_angled(np.column_stack([plane[:3] for plane in fitted]), weights)
         offsets = np.array(

@@ -23,7 +23,7 @@ JUMP = 0.02
 JUMP_SIGMAS = 6.0
 """Standard deviations of the range that are added to that difference."""
 
-LINES_APART = 1.5
+LINES_APART = 1.2
 """Angles between the lines of a scanner up to which readings are neighbours: on a surface that is
 slanted across the lines their ranges differ, too. Set by hand."""
 

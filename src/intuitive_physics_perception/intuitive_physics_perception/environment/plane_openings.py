@@ -27,11 +27,11 @@ a LiDAR are that far apart where readings along them are dense."""
 MAX_CELLS = 400
 """Cells along a side of the mask, at most: bounds time and memory."""
 
-NARROWEST = 3
-"""Cells across the narrowest opening: a narrower one may be made by readings at edges, which mix
-what is on the plane and what is behind it."""
+NARROWEST = 8
+"""Cells across the narrowest opening: through a narrower one no ball is seen with its outline, and
+readings at edges mix what is on the plane and what is behind it. Set by hand."""
 
-READINGS_THROUGH = 30
+OPENING_READINGS = 30
 """Readings through an opening, at least. Set by hand."""
 
 CONVEX_FRACTION = 0.9
@@ -46,7 +46,7 @@ SMALLEST_PART = 0.05
 MOST_SIDES = 6
 """Sides of a polygon that is cut out, at most: each of them is one part more of the plane."""
 
-MOST_PARTS = 12
+MOST_PARTS = 8
 """Parts of a plane, at most; openings that would make more of it stay closed in the environment
 that is published, the smaller ones first: each part is one plane more to simulate."""
 
@@ -108,7 +108,7 @@ def opening_mask(
     from scipy.ndimage import binary_opening, distance_transform_edt, label
 
     solid, through = (places[in_polygon(hull, places)] for places in (solid, through))
-    if len(through) < READINGS_THROUGH:
+    if len(through) < OPENING_READINGS:
         return None
     low, high = hull.min(axis=0), hull.max(axis=0)
     cell = float(np.sqrt(READINGS_IN_CELL * _area(hull) / (len(solid) + len(through))))
@@ -129,7 +129,7 @@ def opening_mask(
     labels, count = label(is_open)
     passed = np.bincount(labels.ravel(), behind.ravel(), minlength=count + 1)
     passed[0] = 0.0
-    is_open = (passed >= READINGS_THROUGH)[labels]
+    is_open = (passed >= OPENING_READINGS)[labels]
     return (low, cell, is_open) if is_open.any() else None
 
 
@@ -167,7 +167,7 @@ def _convex_pieces(
     cells: NDArray[np.intp], smallest: float, splits: int
 ) -> list[NDArray[np.float64]]:
     """Convex polygons (k, 2), in cells, that cover connected cells (n, 2) about."""
-    if len(cells) < max(smallest, NARROWEST**2):
+    if len(cells) < smallest:
         return []
     hull = _hull_of_cells(cells)
     if len(cells) >= CONVEX_FRACTION * _area(hull) or not splits:

@@ -216,7 +216,7 @@ def _best_plane(
     best_score, best = 0.0, None
     for batch in range(BATCHES):
         triples = _triples(cloud.points[free], BATCH_SIZE, rng, nearby=bool(batch % 2))
-        hypotheses = _planes_through(triples)
+        hypotheses = planes_through(triples)
         distances = cloud.scaled_distances(hypotheses, scored)
         # MSAC: a point counts the more the nearer it is, and nothing beyond the tolerance.
         scores = np.maximum(1.0 - np.square(distances), 0.0).sum(axis=1)
@@ -247,8 +247,9 @@ def _triples(
     return points[rng.integers(len(points), size=(count, 3))]
 
 
-def _planes_through(triples: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Planes (m, 4) through triples (n, 3, 3), m ≤ n: degenerate ones are left out."""
+def planes_through(triples: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the planes (m, 4), normal to the sensor's side and offset in m, through triples of
+    points (n, 3, 3) m; m ≤ n: degenerate ones are left out."""
     a, b, c = triples[:, 0], triples[:, 1], triples[:, 2]
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1)
@@ -278,10 +279,17 @@ def _refined(
 def _least_squares(cloud: RangeCloud, inliers: NDArray[np.intp]) -> NDArray[np.float64]:
     points = cloud.points[inliers]
     weights = 1.0 / (cloud.deviations[inliers] ** 2 + (cloud.tolerance / cloud.sigmas) ** 2)
-    weights /= weights.sum()
-    centre = weights @ points
+    return least_squares_plane(points, weights)
+
+
+def least_squares_plane(
+    points: NDArray[np.float64], weights: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    """Return the plane (4,), normal to the sensor's side and offset in m, nearest to points (n, 3)
+    m with `weights` (n,), all the same if not given."""
+    centre = np.average(points, axis=0, weights=weights)
     centred = points - centre
-    scatter = (centred * weights[:, None]).T @ centred
+    scatter = centred.T @ (centred if weights is None else centred * weights[:, None])
     normal = np.linalg.eigh(scatter)[1][:, 0]
     return _facing_sensor(np.append(normal, normal @ centre))
 

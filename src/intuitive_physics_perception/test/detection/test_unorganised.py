@@ -9,10 +9,13 @@ from hypothesis import strategies as st
 
 from intuitive_physics_perception.detection.cluster_view import readings_in_cone
 from intuitive_physics_perception.detection.foreground import (
+    LINES_APART,
     ForegroundFinder,
     free_ranges,
+    neighbour_labels,
 )
 from intuitive_physics_perception.environment.noise import RangeNoise
+from intuitive_physics_perception.environment.range_cloud import angle_between_lines
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SETTINGS = PerceptionSettings()
@@ -91,3 +94,32 @@ def test_a_shuffled_cloud_has_the_ball_of_its_image(corner_model) -> None:
     assert clusters.foreground == pytest.approx(spheres[0].points, rel=0.3)
     assert np.linalg.norm(spheres[0].center - spheres[1].center) < 0.004
     assert spheres[0].radius == pytest.approx(spheres[1].radius, abs=0.004)
+
+
+def lines_on_a_sphere(line_gap: float) -> np.ndarray:
+    """Readings (n, 3) of a ball of 0.3 m at 2.2 m by a scanner with lines some degrees apart."""
+    center, radius = np.array([2.2, 0.0, 0.0]), 0.3
+    elevation = np.radians(np.arange(-15.0, 15.1, line_gap))
+    azimuth = np.radians(np.arange(-15.0, 15.0, 0.2))
+    e, a = (grid.ravel() for grid in np.meshgrid(elevation, azimuth))
+    rays = np.column_stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    along = rays @ center
+    square = along**2 - center @ center + radius**2
+    near = square > 0.0
+    return rays[near] * (along[near] - np.sqrt(square[near]))[:, None]
+
+
+@pytest.mark.parametrize("line_gap", [1.0, 2.0, 3.0])
+def test_the_lines_of_a_scanner_are_as_far_apart_as_they_are(line_gap) -> None:
+    points = lines_on_a_sphere(line_gap)
+    assert angle_between_lines(points) == pytest.approx(np.radians(line_gap), rel=0.02)
+
+
+@pytest.mark.parametrize("line_gap", [2.0, 3.0])
+def test_the_lines_on_a_ball_are_one_cluster(line_gap) -> None:
+    points = lines_on_a_sphere(line_gap)
+    labels = neighbour_labels(points, LINES_APART * angle_between_lines(points))
+    # All but the outermost lines, whose ranges differ by more.
+    assert np.bincount(labels).max() > 0.65 * len(points)
+    # The gap that is usual for a camera leaves them apart.
+    assert np.bincount(neighbour_labels(points, 0.03)).max() < 0.6 * len(points)

@@ -374,10 +374,14 @@ class ModelledScene:
 
     def go_on_from(self, other: ModelledScene) -> None:
         """Take over what is followed in the same environment, modelled in the same frame."""
-        self.tracker, self.episodes = other.tracker, other.episodes
-        self._track_in_environment()
+        self.share_tracking(other)
+        self.track_in_environment()
 
-    def _track_in_environment(self) -> None:
+    def share_tracking(self, other: ModelledScene) -> None:
+        """Follow what another scene follows, as a further camera of the same environment."""
+        self.tracker, self.episodes = other.tracker, other.episodes
+
+    def track_in_environment(self) -> None:
         """Let tracking go on in the environment as it is known now."""
         self.tracker.take_environment(self.model.environment)
         self.episodes.take_environment(self.model.environment)
@@ -456,7 +460,7 @@ class ModelledScene:
         self.stages = self._home = stages
         self._clutter = None
         self.check = EnvironmentCheck(self.model, self._settings, revised=True)
-        self._track_in_environment()
+        self.track_in_environment()
         new_ids = _ids(self.model.environment)
         changes = [("come", new_ids - old_ids), ("gone", old_ids - new_ids)]
         text = "; ".join(f"{change}: {', '.join(sorted(ids))}" for change, ids in changes if ids)

@@ -16,6 +16,7 @@ from intuitive_physics_perception.environment.environment_model import (
     model_environment,
 )
 from intuitive_physics_perception.environment.noise import RangeNoise
+from intuitive_physics_perception.environment.planes import DetectedPlane
 from intuitive_physics_perception.environment.static_boxes import with_static_boxes
 from intuitive_physics_perception.scene import ModelledScene
 from intuitive_physics_perception.settings import PerceptionSettings
@@ -133,16 +134,19 @@ def pose_doubt(own: EnvironmentModel, seen: EnvironmentModel, settings: Percepti
     for plane in own.detected:
         # Where it is read best.
         ranges = np.linalg.norm(plane.hull, axis=1)
-        nearest, noise = plane.hull[ranges.argmin()], own.noise.deviation(float(ranges.min()))
-        for other in seen.detected:
-            angle = np.degrees(np.arccos(np.clip(plane.normal @ other.normal, -1.0, 1.0)))
-            apart = abs(float(other.normal @ nearest) - other.offset)
-            if angle > SAME_PLANE or apart > SAME_PLANE_DISTANCE:
-                continue
-            if apart > max(worst, settings.plane_tolerance + settings.plane_sigmas * noise):
-                worst = apart
-                sentence = (
-                    f"a plane is {100.0 * apart:.1f} cm and {angle:.1f}° beside where the first "
-                    "camera sees it; expected the same place: calibrate where tf has the cameras"
-                )
+        place, noise = plane.hull[ranges.argmin()], own.noise.deviation(float(ranges.min()))
+        same = [other for other in seen.detected if _angle(plane, other) < SAME_PLANE]
+        apart = min((abs(float(other.normal @ place) - other.offset) for other in same), default=0)
+        explained = float(settings.plane_tolerance + settings.plane_sigmas * noise)
+        if max(worst, explained) < apart < SAME_PLANE_DISTANCE:
+            worst = apart
+            sentence = (
+                f"a plane is {100.0 * apart:.1f} cm beside where the first camera sees it; "
+                "expected the same place: calibrate where tf has the cameras"
+            )
     return sentence
+
+
+def _angle(plane: DetectedPlane, other: DetectedPlane) -> float:
+    """Angle between two planes, degrees."""
+    return float(np.degrees(np.arccos(np.clip(plane.normal @ other.normal, -1.0, 1.0))))

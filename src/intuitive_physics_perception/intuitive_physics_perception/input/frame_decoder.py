@@ -44,10 +44,14 @@ class FrameDecoder:
     ----------
     rectified : whether images are without distortion already, so that the camera matrix is that
         of P instead of K
+    camera_info : topic of CameraInfo, as errors name it
     """
 
-    def __init__(self, *, rectified: bool = False) -> None:
+    def __init__(
+        self, *, rectified: bool = False, camera_info: str = "~/depth/camera_info"
+    ) -> None:
         self._rectified = rectified
+        self._camera_info = camera_info
         self._key: tuple[Any, ...] = ()
         self._camera: _Camera | None = None
 
@@ -106,7 +110,7 @@ class FrameDecoder:
         camera = self._camera
         if camera is None:
             raise InvalidInputError(
-                "depth images arrive without a CameraInfo on ~/depth/camera_info; "
+                f"depth images arrive without a CameraInfo on {self._camera_info}; "
                 "expected one: publish it or remap the topic"
             )
         # Asked first, so that a wrong CameraInfo alone costs neither time nor memory.

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +21,8 @@ from intuitive_physics.validation import unit_quaternion
 from intuitive_physics_perception.compile import warm_up
 from intuitive_physics_perception.environment.gravity import RestingAccelerometer
 from intuitive_physics_perception.frame_result import FrameDiagnostics, FrameResult
-from intuitive_physics_perception.nodes.frame_input import INPUTS, FrameInput
+from intuitive_physics_perception.nodes.camera_inputs import CameraInputs
+from intuitive_physics_perception.nodes.frame_input import INPUTS
 from intuitive_physics_perception.nodes.outputs import MARKER_RATE, Outputs, object_names
 from intuitive_physics_perception.nodes.user_frames import FixedFrame, PublishedFrame
 from intuitive_physics_perception.pipeline import PerceptionPipeline
@@ -50,6 +53,9 @@ FRAME = "environment_frame_id"
 DEFAULT_FRAME = PerceptionSettings().environment_frame_id
 """Its default, which stands below the node's namespace."""
 
+NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+"""Pattern of a further camera's name, which is part of topics."""
+
 KEPT_STAMPS = 20_000
 """Frames whose exact stamps are kept, ten minutes at 30 a second: observations begin at one of them
 and come out when their motion is over."""
@@ -62,6 +68,19 @@ PARAMETERS = [
         "compressedDepth and colour ones on compressed below their topics, as image_transport has "
         "them",
         choices=tuple(INPUTS),
+    ),
+    Parameter(
+        "further_cameras",
+        [""],
+        "names of further cameras of the same scene, whose topics are those of the first with the "
+        "name before them, such as ~/NAME/depth/image; needs fixed_frame; one empty name: none",
+    ),
+    Parameter(
+        "reordering_time",
+        0.1,
+        "longest time that a frame waits for earlier ones of other cameras, s; later ones are "
+        "dropped",
+        (0.0, 1.0),
     ),
     Parameter("seed", 0, "seed of the random choices of RANSAC", (0, 2**31 - 1)),
     Parameter(
@@ -84,7 +103,8 @@ PARAMETERS = [
         "fixed_frame",
         "",
         "frame that stands still, such as map or odom, in which tf has the pose of a sensor that "
-        "moves, at the time of each frame; empty: the sensor stands still",
+        "moves, or of each of several cameras, at the time of each frame; empty: the sensor stands "
+        "still",
     ),
     Parameter(
         "target_frame",
@@ -125,7 +145,8 @@ class PerceptionNode(ManagedNode):
         self._sensor_frame = ""
         self._newest: tuple[Header, FrameResult] | None = None
         self._stamps: dict[float, StampSeconds] = {}
-        self._frames = self._restarts = self._moves = 0
+        self._frames = self._restarts = self._moves = self._late_before = 0
+        self._cameras = ["", *_further_cameras(values["further_cameras"], values["fixed_frame"])]
         self._transforms: Transforms | None = None
         self._environment = EnvironmentPublisher(self)
         self._fixed = FixedFrame(values["fixed_frame"])
@@ -144,10 +165,13 @@ class PerceptionNode(ManagedNode):
         self._frame.listen(self._transforms)
         if self._pipeline.settings.gravity_source == "imu":
             self._make_imu(values["imu_orientation"])
-        self._input = FrameInput(
+        self._input = CameraInputs(
             self,
             self.diagnostics,
-            INPUTS[values["input"]],
+            self._cameras,
+            values["input"],
+            window=values["reordering_time"],
+            is_placed=bool(values["fixed_frame"]),
             rectified=values["image_is_rectified"],
             color=values["use_color"],
             kernels=self.kernels,
@@ -155,6 +179,8 @@ class PerceptionNode(ManagedNode):
         )
         self.diagnostics.add("environment", self._check_environment)
         self.diagnostics.add("pose of the sensor", self._fixed.check)
+        for camera in self._cameras[1:]:
+            self.diagnostics.add(f"pose of {camera}", partial(self._check_pose, camera))
         self.diagnostics.add("frame of what is published", self._frame.check)
         self.diagnostics.add("frames", self._check_frames)
         self.create_service(Trigger, "~/rebuild_environment", self._on_rebuild)
@@ -224,10 +250,15 @@ class PerceptionNode(ManagedNode):
         return response
 
     def _perceive(
-        self, header: Header, points: NDArray[np.float32], colors: NDArray[np.uint8] | None
+        self,
+        camera: str,
+        header: Header,
+        points: NDArray[np.float32],
+        colors: NDArray[np.uint8] | None,
     ) -> str:
         """Perceive one frame; runs in the input's thread. Return why it could not be used."""
-        self._sensor_frame = header.frame_id
+        if not camera:
+            self._sensor_frame = header.frame_id
         if self._rebuild:
             self._rebuild = False
             self._publish_observations(self._pipeline.rebuild_environment())
@@ -242,18 +273,20 @@ class PerceptionNode(ManagedNode):
             pose = self._fixed.sensor_pose(header)
         except UnknownTransformError as error:
             return str(error)
-        result = self._pipeline.process(points, time, colors, pose)
+        result = self._pipeline.process(points, time, colors, pose, camera)
         self._frames += 1
         if result.restarted:
             self._restarts += 1
             self.get_logger().warning("time went back: tracking starts again")
         if result.moved:
             self._moves += 1
-            self.get_logger().warning(result.moved)
+            of = f"camera {camera}: " if camera else ""
+            self.get_logger().warning(f"{of}{result.moved}")
         if result.revised:
             self.get_logger().info(result.revised)
         if result.model is not None:
-            self._publish_environment(header, result, pose)
+            if not camera:
+                self._publish_environment(header, result, pose)
             if self._frame.is_known and not result.diagnostics.problem:
                 self._publish_states(header, result)
         # Observations take longer than a frame, and nobody waits for them as for the states.
@@ -335,21 +368,53 @@ class PerceptionNode(ManagedNode):
             return Status(Level.WARN, model.gravity_doubt, values)
         return Status(Level.OK, f"{len(model.detected)} planes", values)
 
+    def _check_pose(self, camera: str) -> Status:
+        """Say whether a further camera's pose fits what it and the first camera see."""
+        doubt = self._pipeline.further_doubt(camera)
+        if doubt:
+            return Status(Level.WARN, doubt)
+        return Status(Level.OK, "nothing shows that it is wrong")
+
     def _check_frames(self) -> Status:
         diagnostics = self._newest[1].diagnostics if self._newest else FrameDiagnostics()
+        late, self._late_before = self._input.late - self._late_before, self._input.late
         values = {
             "handled": self._frames,
             "dropped": self._input.dropped,
+            "late": self._input.late,
             "restarts": self._restarts,
             "clusters that wait": diagnostics.waiting,
             **{f"{name} (ms)": f"{1e3 * s:.1f}" for name, s in diagnostics.seconds.items()},
         }
         if diagnostics.problem:
             return Status(Level.WARN, diagnostics.problem, values)
+        if late:
+            return Status(
+                Level.WARN,
+                f"{late} frames came after later ones of other cameras had been handled; expected "
+                "them within reordering_time",
+                values,
+            )
         if not self._frames:
             return Status(Level.OK, "no frame was handled yet", values)
         took = 1e3 * sum(diagnostics.seconds.values())
         return Status(Level.OK, f"the last frame took {took:.0f} ms", values)
+
+
+def _further_cameras(names: list[str], fixed_frame: str) -> list[str]:
+    """Return the names of further cameras once they are known to be good."""
+    further = [name for name in names if name]
+    good = all(NAME.fullmatch(name) for name in further) and len(set(further)) == len(further)
+    if not good:
+        raise InvalidInputError(
+            f"further_cameras is {further}; expected names that differ, of letters, digits and _"
+        )
+    if further and not fixed_frame:
+        raise InvalidInputError(
+            f"further_cameras is {further} and fixed_frame is empty; expected the frame in which "
+            "tf has the pose of each camera"
+        )
+    return further
 
 
 def main() -> int:

@@ -41,9 +41,6 @@ from intuitive_physics_perception.tracking.episodes import (
 )
 from intuitive_physics_perception.tracking.track import Track
 
-SAME_TRIGGER = 1e-6
-"""Time, s, between two frames of one time: too short to matter, and still a step."""
-
 STANDING_TIME = 1.0
 """Time for which a sensor stays where it is, as far as noise shows, until it stands, s: one that
 drives at 5 cm/s has gone too far for that by then, and a frame is too short to tell."""
@@ -138,6 +135,7 @@ class PerceptionPipeline:
         colors: NDArray[np.uint8] | None = None,
         pose: RigidTransform | None = None,
         camera: str = "",
+        offsets: NDArray[np.float32] | None = None,
     ) -> FrameResult:
         """Perceive one frame.
 
@@ -149,17 +147,25 @@ class PerceptionPipeline:
         pose : of the sensor at this time, in a frame that stands still; None: the sensor does
         camera : name of a further camera, empty for the first; their frames come in the order of
             their times, and all poses are in one frame
+        offsets : (height, width) s, time of each reading after `time`, where they differ; objects
+            are followed at the times of their own readings
         """
+        if offsets is not None:
+            if offsets.shape != points.shape[:2]:
+                raise InvalidInputError(
+                    f"times of readings are {offsets.shape} and points {points.shape}; expected "
+                    "one for each point"
+                )
+            begin = float(np.min(offsets, initial=np.inf, where=np.isfinite(points[..., 2])))
+            if np.isfinite(begin):
+                time, offsets = time + begin, offsets - np.float32(begin)
         if colors is not None and colors.shape != points.shape:
             raise InvalidInputError(
                 f"colours are {colors.shape} and points {points.shape}; expected the same shape"
             )
         if not np.isfinite(time):
             raise InvalidInputError(f"time of the frame is {time}; expected a finite number")
-        if time == self._last_time and camera != self._last_camera:
-            # Cameras with one trigger. Tracks need increasing times.
-            time += SAME_TRIGGER
-        if time == self._last_time:
+        if time == self._last_time and camera == self._last_camera:
             return self._unused(time, "two frames have the same time; expected increasing times")
         restarted = time < self._last_time
         episodes = self._restarted() if restarted else ()
@@ -168,14 +174,14 @@ class PerceptionPipeline:
             problem = "the frame has no reading at all; expected points: is the sensor covered?"
             result = self._unused(time, problem)
         elif camera:
-            result = self._see_further(camera, points, time, colors, pose)
+            result = self._see_further(camera, points, time, colors, pose, offsets)
         elif (scene := self._scene) is None:
             self._take_first(points, pose)
             result = self._model(time, self._up_from_here())
         else:
             self._pose = pose
             self._look_from(scene, pose)
-            result = self._perceive(scene, points, time, colors, scene)
+            result = self._perceive(scene, points, time, colors, scene, offsets=offsets)
             if pose is not None and self._scene is scene:
                 self._model_where_it_stands(scene, points, time, pose)
                 result = self._with_new_model(scene, result, pose)
@@ -201,6 +207,7 @@ class PerceptionPipeline:
         time: float,
         colors: NDArray[np.uint8] | None,
         pose: RigidTransform | None,
+        offsets: NDArray[np.float32] | None,
     ) -> FrameResult:
         """Perceive a frame of a further camera in the environment of the first."""
         if self._scene is None:
@@ -216,7 +223,7 @@ class PerceptionPipeline:
         if eye is None:
             return FrameResult(time, self.model)
         eye.share_tracking(self._scene)
-        return self._perceive(self._scene, points, time, colors, eye, camera)
+        return self._perceive(self._scene, points, time, colors, eye, camera, offsets)
 
     def _model(self, time: float, up: NDArray[np.float64] | None) -> FrameResult:
         """Model the environment once there are frames enough, with up (3,) where it is known."""
@@ -324,6 +331,7 @@ class PerceptionPipeline:
         colors: NDArray[np.uint8] | None,
         eye: ModelledScene,
         camera: str = "",
+        offsets: NDArray[np.float32] | None = None,
     ) -> FrameResult:
         """Remove the planes, detect objects, track them, end episodes, revise the environment.
 
@@ -345,13 +353,18 @@ class PerceptionPipeline:
         with timer.stage("tracking"):
             pose = eye.model.rotation, eye.model.translation
             detections = [item.detection.moved(*pose) for item in objects_seen]
-            ended = scene.tracker.update(time, detections)
+            if offsets is not None:
+                detections = [
+                    replace(detection, delay=float(offsets.reshape(-1)[seen].mean()))
+                    for detection, seen in zip(detections, pixels, strict=True)
+                ]
+            ended = scene.tracker.update(time, detections, camera)
             if not camera:
                 scene.look_at_surfaces(
                     list(zip(objects_seen, detections, strict=True)), points, colors, time
                 )
             eye.look_back()
-            objects = tuple(self._perceived(track, scene) for track in scene.tracker.tracks)
+            objects = tuple(self._perceived(track, scene, time) for track in scene.tracker.tracks)
         with timer.stage("episodes"):
             episodes = scene.episodes.update(time, scene.tracker.tracks, ended)
             up = scene.up_of_flights(episodes)
@@ -367,7 +380,7 @@ class PerceptionPipeline:
                 scene.track_in_environment()
                 revised = ""
         return FrameResult(
-            time,
+            time + max((detection.delay for detection in detections), default=0.0),
             scene.model,
             is_new_model=bool(revised),
             revised=revised,
@@ -391,12 +404,12 @@ class PerceptionPipeline:
             return FrameBudget()
         return FrameBudget(1e-3 * self.settings.hypothesis_budget, self._clock)
 
-    def _perceived(self, track: Track, scene: ModelledScene) -> PerceivedObject:
+    def _perceived(self, track: Track, scene: ModelledScene, since: float) -> PerceivedObject:
         return PerceivedObject(
             track.scene_object(self.settings),
             track.object_state(scene.model.environment, self.settings),
             track.color,
-            newest_detection(track),
+            newest_detection(track, since),
         )
 
     def _turn_gravity(

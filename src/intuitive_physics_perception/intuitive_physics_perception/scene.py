@@ -292,8 +292,9 @@ class ModelledScene:
         by_detection = {id(detection): item for item, detection in objects}
         rotation = self.model.rotation
         for track in self.tracker.followed:
-            item = by_detection.get(id(track.steps[-1].detection))
-            if item is None or not isinstance(item.detection, DetectedSphere):
+            step = track.seen_since(time)
+            item = by_detection.get(id(step.detection)) if step is not None else None
+            if step is None or item is None or not isinstance(item.detection, DetectedSphere):
                 continue
             if not self.tracker.flies(track):
                 track.surface = None
@@ -302,7 +303,7 @@ class ModelledScene:
             image = sphere_image(sphere, item.pixels(points), points, colors)
             if image is not None:
                 track.surface = track.surface or SurfaceSpin()
-                track.surface.take(time, image.moved(rotation))
+                track.surface.take(step.time, image.moved(rotation))
 
     def _followed_sphere(self, track: Track, detected: DetectedSphere) -> DetectedSphere:
         """A detected sphere in the sensor's frame, averaged over all frames so far."""
@@ -328,11 +329,14 @@ class ModelledScene:
     def _extends_backwards(self, track: Track) -> bool:
         """Take a detection from the frame before a track begins; False where there is none."""
         first_two = track.detections[:2]
-        frame = self._recent.before(first_two[0][0])
+        # The readings of a LiDAR on it were as late in the frame before.
+        delay = first_two[0][1].delay
+        frame = self._recent.before(first_two[0][0] - delay)
         if track.earlier is None or track.kind != "sphere" or len(first_two) < 2 or frame is None:
             return False
         (first, at_first), (second, at_second) = first_two
-        time, points, clusters = frame
+        began, points, clusters = frame
+        time = began + delay
         velocity = (at_second.center - at_first.center) / (second - first)
         place = at_first.center + (time - first) * velocity
         radius = float(track.mean[RADIUS])
@@ -341,7 +345,8 @@ class ModelledScene:
         )
         if detected is None:
             return False
-        detection = detected.moved(self.model.rotation, self.model.translation)
+        placed = detected.moved(self.model.rotation, self.model.translation)
+        detection = replace(placed, delay=delay)
         deviation = np.sqrt(detection.covariance[3, 3] + track.radius_variance)
         same = np.linalg.norm(detection.center - place) < HINDSIGHT_GATE * radius
         if not same or abs(detection.radius - radius) > RADIUS_GATE * deviation:

@@ -23,6 +23,7 @@ class DetectedSphere:
     range : m from the sensor to the centre
     color : (3,) mean red, green and blue, 0 to 1; None where unknown
     systematic : (4, 4) m², the part of the covariance that all frames share
+    delay : s from the time of the frame to that of these readings
     """
 
     center: NDArray[np.float64]
@@ -32,6 +33,7 @@ class DetectedSphere:
     range: float
     color: NDArray[np.float64] | None = None
     systematic: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4)))
+    delay: float = 0.0
 
     @property
     def numbers(self) -> NDArray[np.float64]:
@@ -87,6 +89,7 @@ class DetectedSolid:
     color : (3,) mean red, green and blue, 0 to 1; None where unknown
     systematic_error : m, standard deviation of the error that all frames share, in each
         component of the centre; part of its covariance
+    delay : s from the time of the frame to that of these readings
     """
 
     shape: Box | Capsule
@@ -99,6 +102,7 @@ class DetectedSolid:
     misfit: float
     color: NDArray[np.float64] | None = None
     systematic_error: float = 0.0
+    delay: float = 0.0
 
     @property
     def radius(self) -> float:

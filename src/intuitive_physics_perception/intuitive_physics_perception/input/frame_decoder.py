@@ -24,6 +24,7 @@ from intuitive_physics_perception.input.depth import (
     points_from_depth,
 )
 from intuitive_physics_perception.input.point_cloud import Field, points_from_cloud_data
+from intuitive_physics_perception.input.reading_times import times_from_cloud_data
 
 
 class _Camera:
@@ -136,6 +137,13 @@ class FrameDecoder:
         """Return the colours (height, width, 3) of a PointCloud2 of which `cloud_points` has read
         the points; None where it has none."""
         return colors_from_cloud_data(cloud.data, **_layout(cloud))
+
+    @staticmethod
+    def cloud_times(cloud: Any) -> NDArray[np.float32] | None:
+        """Return the time of each point after the stamp, (height, width) s, of a PointCloud2 of
+        which `cloud_points` has read the points; None where it has none."""
+        stamp = cloud.header.stamp.sec + 1e-9 * cloud.header.stamp.nanosec
+        return times_from_cloud_data(cloud.data, **_layout(cloud), stamp=stamp)
 
     @staticmethod
     def image_colors(image: Any) -> NDArray[np.uint8]:

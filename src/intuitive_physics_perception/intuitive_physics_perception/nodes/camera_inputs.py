@@ -31,7 +31,7 @@ class CameraInputs:
     cameras : names, of which the first is empty
     messages : value of the parameter `input`
     window : s that a frame waits at most for earlier ones of other cameras
-    is_placed, rectified, color, kernels, use : as of `FrameInput`
+    is_placed, rectified, color, row_time, kernels, use : as of `FrameInput`
     """
 
     def __init__(
@@ -45,6 +45,7 @@ class CameraInputs:
         is_placed: bool,
         rectified: bool,
         color: bool,
+        row_time: float,
         kernels: KernelLoading,
         use: UseFrame,
     ) -> None:
@@ -65,6 +66,7 @@ class CameraInputs:
                 is_placed=is_placed,
                 rectified=rectified,
                 color=color,
+                row_time=row_time,
                 kernels=kernels,
                 put=partial(self._put, camera),
                 use=use,

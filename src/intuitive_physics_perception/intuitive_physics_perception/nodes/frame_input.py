@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import TypeAlias
 
@@ -15,6 +16,7 @@ from std_msgs.msg import Header
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics_perception.input.frame_decoder import FrameDecoder
+from intuitive_physics_perception.input.reading_times import times_of_rows
 from intuitive_physics_ros.conversions import seconds_from_stamp
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
 from intuitive_physics_ros.lifecycle.kernel_loading import KernelLoading
@@ -24,7 +26,29 @@ from intuitive_physics_ros.silence import Silence, launch_arguments
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 Frame: TypeAlias = Image | CompressedImage | PointCloud2
-UseFrame: TypeAlias = Callable[[str, Header, NDArray[np.float32], NDArray[np.uint8] | None], str]
+
+
+@dataclass(frozen=True, eq=False)
+class DecodedFrame:
+    """What a camera has read.
+
+    Parameters
+    ----------
+    camera : its name, empty for the first
+    header : of the message
+    points : (height, width, 3) m in the camera's frame
+    colors : (height, width, 3) red, green and blue; None where they are not known
+    offsets : (height, width) s, time of each reading after the stamp; None where all have its time
+    """
+
+    camera: str
+    header: Header
+    points: NDArray[np.float32]
+    colors: NDArray[np.uint8] | None
+    offsets: NDArray[np.float32] | None
+
+
+UseFrame: TypeAlias = Callable[[DecodedFrame], str]
 
 TOPICS: dict[type[Frame], str] = {
     Image: "~/depth/image",
@@ -91,10 +115,10 @@ class FrameInput:
     is_placed : whether tf has where each camera is
     rectified : whether images are without distortion already
     color : whether to subscribe to colour images registered to the depth images
+    row_time : from row to row of an image, s, as in `times_of_rows`
     kernels : of the perception of a frame
     put : called with each message that arrives; hands it over to a thread that calls `handle`
-    use : called there with the camera's name, header, points and colours of each frame, None for no
-        colours; returns why it could not be used, empty when it could
+    use : called there with each frame; returns why it could not be used, empty when it could
     """
 
     def __init__(
@@ -107,6 +131,7 @@ class FrameInput:
         is_placed: bool,
         rectified: bool,
         color: bool,
+        row_time: float,
         kernels: KernelLoading,
         put: Callable[[Frame], None],
         use: UseFrame,
@@ -115,6 +140,7 @@ class FrameInput:
         self._log = node.get_logger()
         self._camera = camera
         self._is_placed = is_placed
+        self._row_time = row_time
         self._put, self._use = put, use
         self._info_topic = topic_of(camera, CAMERA_INFO)
         self._decoder = FrameDecoder(rectified=rectified, camera_info=self._info_topic)
@@ -174,13 +200,12 @@ class FrameInput:
             return
         monitor = self._monitors[type(message)]
         try:
-            camera = self._camera_of(message)
-            points, colors = self._decoded(message)
+            frame = self._decoded(self._camera_of(message), message)
             if self._kind is None:
                 self._kind, self._frame_id = type(message), message.header.frame_id
                 of = f" of camera {self._camera}" if self._camera else ""
                 self._log.info(f"perceives {self._kind.__name__} messages{of}")
-            problem = self._use(camera, message.header, points, colors)
+            problem = self._use(frame)
         except IntuitivePhysicsError as error:
             problem = str(error)
         except Exception as error:
@@ -207,17 +232,20 @@ class FrameInput:
             "deactivate and activate perception if one camera has replaced another"
         )
 
-    def _decoded(self, message: Frame) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
-        """Points of a frame, and their colours where they are known."""
+    def _decoded(self, camera: str, message: Frame) -> DecodedFrame:
+        """Points of a frame, their colours and times."""
+        header, decoder = message.header, self._decoder
         if isinstance(message, PointCloud2):
-            return self._decoder.cloud_points(message), self._decoder.cloud_colors(message)
+            points, colors = decoder.cloud_points(message), decoder.cloud_colors(message)
+            return DecodedFrame(camera, header, points, colors, decoder.cloud_times(message))
         if isinstance(message, CompressedImage):
-            points = self._decoder.compressed_image_points(message)
+            points = decoder.compressed_image_points(message)
         else:
-            points = self._decoder.image_points(message)
-        if self._color is None:
-            return points, None
-        return points, self._color.of_frame(message.header, points)
+            points = decoder.image_points(message)
+        colors = self._color.of_frame(header, points) if self._color is not None else None
+        height, width = points.shape[:2]
+        offsets = times_of_rows(height, width, self._row_time) if self._row_time else None
+        return DecodedFrame(camera, header, points, colors, offsets)
 
     def _check(self, kind: type[Frame]) -> Status:
         if self._kind is not None and kind is not self._kind:

@@ -22,7 +22,7 @@ from intuitive_physics_perception.compile import warm_up
 from intuitive_physics_perception.environment.gravity import RestingAccelerometer
 from intuitive_physics_perception.frame_result import FrameDiagnostics, FrameResult
 from intuitive_physics_perception.nodes.camera_inputs import CameraInputs
-from intuitive_physics_perception.nodes.frame_input import INPUTS
+from intuitive_physics_perception.nodes.frame_input import INPUTS, DecodedFrame
 from intuitive_physics_perception.nodes.outputs import MARKER_RATE, Outputs, object_names
 from intuitive_physics_perception.nodes.user_frames import FixedFrame, PublishedFrame
 from intuitive_physics_perception.pipeline import PerceptionPipeline
@@ -32,7 +32,7 @@ from intuitive_physics_perception.settings import (
     PerceptionSettings,
     settings_from_values,
 )
-from intuitive_physics_ros.conversions import seconds_from_stamp
+from intuitive_physics_ros.conversions import seconds_from_stamp, stamp_from_seconds
 from intuitive_physics_ros.conversions.scenes import detections_to_message
 from intuitive_physics_ros.diagnostics import Level, Status
 from intuitive_physics_ros.environment_publisher import EnvironmentPublisher
@@ -87,6 +87,13 @@ PARAMETERS = [
         "image_is_rectified",
         False,
         "take the camera matrix from P and no distortion, instead of K and D",
+    ),
+    Parameter(
+        "row_readout_time",
+        0.0,
+        "time from the exposure of one row of a depth image to that of the next, s, of a rolling "
+        "shutter whose first row has the image's stamp; below 0: the last row is exposed first",
+        (-0.01, 0.01),
     ),
     Parameter(
         "use_color",
@@ -174,6 +181,7 @@ class PerceptionNode(ManagedNode):
             is_placed=bool(values["fixed_frame"]),
             rectified=values["image_is_rectified"],
             color=values["use_color"],
+            row_time=values["row_readout_time"],
             kernels=self.kernels,
             use=self._perceive,
         )
@@ -249,14 +257,9 @@ class PerceptionNode(ManagedNode):
         )
         return response
 
-    def _perceive(
-        self,
-        camera: str,
-        header: Header,
-        points: NDArray[np.float32],
-        colors: NDArray[np.uint8] | None,
-    ) -> str:
+    def _perceive(self, frame: DecodedFrame) -> str:
         """Perceive one frame; runs in the input's thread. Return why it could not be used."""
+        camera, header = frame.camera, frame.header
         if not camera:
             self._sensor_frame = header.frame_id
         if self._rebuild:
@@ -271,9 +274,10 @@ class PerceptionNode(ManagedNode):
         self._last_time = time
         try:
             pose = self._fixed.sensor_pose(header)
+            points = self._fixed.as_of_stamp(header, frame.points, frame.offsets, pose)
         except UnknownTransformError as error:
             return str(error)
-        result = self._pipeline.process(points, time, colors, pose, camera)
+        result = self._pipeline.process(points, time, frame.colors, pose, camera, frame.offsets)
         self._frames += 1
         if result.restarted:
             self._restarts += 1
@@ -288,7 +292,7 @@ class PerceptionNode(ManagedNode):
             if not camera:
                 self._publish_environment(header, result, pose)
             if self._frame.is_known and not result.diagnostics.problem:
-                self._publish_states(header, result)
+                self._publish_states(header, time, result)
         # Observations take longer than a frame, and nobody waits for them as for the states.
         self._publish_observations(result.observations)
         self._newest = (header, result)
@@ -314,11 +318,12 @@ class PerceptionNode(ManagedNode):
                     f"and {len(environment.boxes)} boxes"
                 )
 
-    def _publish_states(self, header: Header, result: FrameResult) -> None:
+    def _publish_states(self, header: Header, time: float, result: FrameResult) -> None:
         objects = [item.object for item in result.objects]
         states = [self._frame.state(item.state) for item in result.objects]
         detections = [self._frame.detection(item.detection) for item in result.objects]
-        header = Header(stamp=header.stamp, frame_id=self._frame.name)
+        stamp = header.stamp if result.time == time else stamp_from_seconds(result.time)
+        header = Header(stamp=stamp, frame_id=self._frame.name)
         self._outputs.publish_states(header, objects, states, detections)
         if self._detections is not None:
             self._detections.publish(detections_to_message(objects, states, header))

@@ -17,6 +17,7 @@ from benchmarks.perception.looks import measure_looks
 from benchmarks.perception.real import measure_real
 from benchmarks.perception.release import measure_release
 from benchmarks.perception.rendered import measure_rendered
+from benchmarks.perception.two_cameras import measure_two_cameras
 from benchmarks.perception.unorganised import measure_unorganised
 from intuitive_physics_perception.compile import warm_up
 
@@ -30,6 +31,7 @@ PARTS: dict[str, Callable[[argparse.Namespace], Outcome]] = {
     "end_to_end": lambda options: measure_end_to_end(options.quick),
     "real": lambda options: measure_real(options.scenes, options.clouds, options.quick),
     "release": lambda options: measure_release(options.quick),
+    "two_cameras": lambda options: measure_two_cameras(options.quick),
     "looks": lambda options: measure_looks(options.quick),
 }
 

@@ -17,6 +17,7 @@ from benchmarks.perception.scenes import PAUSE
 from benchmarks.perception.score import Ball
 from benchmarks.perception.truth import TrueBall, TrueRecording
 from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.shapes import Sphere
 from intuitive_physics_experiments.rendering.ground_truth import GroundTruth
 from intuitive_physics_experiments.rendering.rendered_bag import RenderSettings, render_truth
@@ -54,10 +55,12 @@ class PerceptionRun:
         points: NDArray[np.float32],
         time: float,
         colors: NDArray[np.uint8] | None = None,
+        pose: RigidTransform | None = None,
+        camera: str = "",
     ) -> FrameResult:
-        """Perceive points (height, width, 3) m and their colours at a time, s."""
+        """Perceive points (height, width, 3) m and their colours at a time, s, of a camera."""
         wall, thread = perf_counter(), thread_time()
-        result = self.pipeline.process(points, time, colors)
+        result = self.pipeline.process(points, time, colors, pose, camera)
         if is_of_known_environment(result):
             self.seconds.append(thread_time() - thread)
             self.wall.append(perf_counter() - wall)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from benchmarks.command import Outcome, measure_parts, run_benchmark
 from benchmarks.perception.end_to_end import measure_end_to_end
+from benchmarks.perception.livox import measure_livox
 from benchmarks.perception.looks import measure_looks
 from benchmarks.perception.real import measure_real
 from benchmarks.perception.release import measure_release
@@ -32,6 +33,7 @@ PARTS: dict[str, Callable[[argparse.Namespace], Outcome]] = {
     "real": lambda options: measure_real(options.scenes, options.clouds, options.quick),
     "release": lambda options: measure_release(options.quick),
     "two_cameras": lambda options: measure_two_cameras(options.quick),
+    "livox": lambda options: measure_livox(options.quick),
     "looks": lambda options: measure_looks(options.quick),
 }
 

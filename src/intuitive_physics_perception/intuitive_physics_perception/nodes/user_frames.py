@@ -90,6 +90,10 @@ class FixedFrame:
         offsets : (height, width) s, these times after the stamp; None: all are of the stamp's
         pose : of the sensor at the stamp; None where it stands still
 
+        Returns
+        -------
+        (height, width, 3) m in the sensor's frame at the stamp
+
         Raises
         ------
         UnknownTransformError

@@ -15,10 +15,12 @@ from benchmarks.command import Outcome, measure_parts, run_benchmark
 from benchmarks.perception.clutter import measure_moving
 from benchmarks.perception.doorway import measure_doorway
 from benchmarks.perception.end_to_end import measure_end_to_end
+from benchmarks.perception.livox import measure_livox
 from benchmarks.perception.looks import measure_looks
 from benchmarks.perception.real import measure_real
 from benchmarks.perception.release import measure_release
 from benchmarks.perception.rendered import measure_rendered
+from benchmarks.perception.two_cameras import measure_two_cameras
 from benchmarks.perception.unorganised import measure_unorganised
 from intuitive_physics_perception.compile import warm_up
 
@@ -34,6 +36,8 @@ PARTS: dict[str, Callable[[argparse.Namespace], Outcome]] = {
     "moving": lambda options: measure_moving(options.scenes, options.quick),
     "release": lambda options: measure_release(options.quick),
     "doorway": lambda options: measure_doorway(options.quick),
+    "two_cameras": lambda options: measure_two_cameras(options.quick),
+    "livox": lambda options: measure_livox(options.quick),
     "looks": lambda options: measure_looks(options.quick),
 }
 

@@ -61,10 +61,13 @@ class PerceptionRun:
         time: float,
         colors: NDArray[np.uint8] | None = None,
         pose: RigidTransform | None = None,
+        camera: str = "",
+        offsets: NDArray[np.float32] | None = None,
     ) -> FrameResult:
-        """Perceive points (height, width, 3) m and their colours at a time, s, from a pose."""
+        """Perceive points (height, width, 3) m, their colours and times (height, width) s after
+        that of the frame, s, of a camera, from a pose."""
         wall, thread = perf_counter(), thread_time()
-        result = self.pipeline.process(points, time, colors, pose)
+        result = self.pipeline.process(points, time, colors, pose, camera, offsets)
         if is_of_known_environment(result):
             self.seconds.append(thread_time() - thread)
             self.wall.append(perf_counter() - wall)

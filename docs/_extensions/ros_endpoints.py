@@ -25,6 +25,9 @@ CREATORS = {
 }
 """Methods of a node by which it offers or uses something."""
 
+PLACED_BY = "topic_of"
+"""Function that puts the name of a camera before a topic, its last argument."""
+
 CALLED_BACK = ("create_guard_condition", "when_loaded")
 """Methods whose argument is called back once, as a part of the start."""
 
@@ -161,6 +164,8 @@ class _Reader:
         values: dict[str, Any],
     ) -> None:
         found_quality = None if quality is None else _value(quality, values)
+        if isinstance(name, ast.Call) and ast.unparse(name.func) == PLACED_BY:
+            name = name.args[-1]
         if isinstance(name, ast.JoinedStr):
             name = _with_known_parts(name, values)
         if self._plays_a_bag and role == "publishes" and _value(name, values) is UNKNOWN:

@@ -69,6 +69,28 @@ class Camera:
             "~/color/image": self.color,
         }
 
+    def further_topics(self, namespace: str, *, color: bool = False) -> dict[str, str]:
+        """Return the topic for each input of a further camera of the same driver, by its name.
+
+        Parameters
+        ----------
+        namespace : of its topics, in place of the one that all topics here begin with
+        color : as in `topics`
+        """
+        topics = self.topics(color=color)
+        del topics["~/imu"]
+        own = os.path.commonpath(list(topics.values()))
+        name = camera_name(namespace)
+        return {
+            key.replace("~/", f"~/{name}/"): f"{namespace}/{topic[len(own) :].lstrip('/')}"
+            for key, topic in with_compressed(topics).items()
+        }
+
+
+def camera_name(namespace: str) -> str:
+    """Return the name that the perception node gives to a further camera by its namespace."""
+    return namespace.strip("/").replace("/", "_")
+
 
 TRANSPORTS = {"~/depth/image": "/compressedDepth", "~/color/image": "/compressed"}
 """Ends of the topics on which image_transport publishes the same images compressed."""

@@ -43,6 +43,7 @@ from intuitive_physics_bringup.connections import (
     PEERS,
     RANGE,
     RANGES,
+    camera_name,
     clock_rules,
     default_peers,
     default_range,
@@ -72,6 +73,16 @@ ARGUMENTS = {
         "true: depth and colour images of the camera that are registered to each other (a "
         "realsense needs align_depth.enable:=true of its own launch file); or the "
         "topic of colour images registered to depth_image; empty: as params_file says",
+    ),
+    "further_cameras": (
+        "",
+        "namespaces of further cameras of the same scene and driver, in place of the driver's own "
+        "(camera/camera of a realsense), divided by ;; tf has all in fixed_frame",
+    ),
+    "fixed_frame": (
+        "",
+        "frame that stands still, in which tf has the camera where it moves, or several; empty: as "
+        "params_file says",
     ),
     "log_level": ("info", "of the nodes: debug, info, warn, error or fatal"),
     "respawn": ("false", "start a node that ended again"),
@@ -175,6 +186,12 @@ def check(given: Mapping[str, str]) -> None:
     """Refuse invalid arguments in one line."""
     _expect(given, "namespace", NAMESPACE.fullmatch, "letters, digits and _, parts divided by /")
     _expect(given, "camera", CAMERAS.__contains__, f"one of {', '.join(CAMERAS)}")
+    _expect(
+        given,
+        "further_cameras",
+        lambda _: all(NAMESPACE.fullmatch(one) for one in further(given)),
+        "namespaces divided by ;",
+    )
     _expect(given, "log_level", LOG_LEVELS.__contains__, f"one of {', '.join(LOG_LEVELS)}")
     _expect(given, "params_file", lambda path: Path(path).is_file(), "the path of a YAML file")
     check_parameter_file(given["params_file"], prefix(given))
@@ -205,6 +222,10 @@ def node(name: str, given: Mapping[str, str]) -> Node:
         remappings += inputs(given)
         if given["color"]:
             set_here["use_color"] = given["color"] != "false"
+        if given["fixed_frame"]:
+            set_here["fixed_frame"] = given["fixed_frame"]
+        if further(given):
+            set_here["further_cameras"] = [camera_name(one) for one in further(given)]
     defaults: dict[str, Any] = {}
     if name == "predictor_node":
         defaults["calibration_file"] = calibration_file(given)
@@ -248,8 +269,16 @@ def inputs(given: Mapping[str, str]) -> list[tuple[str, str]]:
         "~/imu": given["imu"],
         "~/color/image": "" if given["color"] in ("true", "false") else given["color"],
     }
-    chosen = {name: named[name] or topic for name, topic in topics.items()}
-    return list(with_compressed(chosen).items())
+    chosen = with_compressed({name: named[name] or topic for name, topic in topics.items()})
+    for namespace in further(given):
+        camera = CAMERAS[given["camera"]]
+        chosen |= camera.further_topics(namespace, color=given["color"] == "true")
+    return list(chosen.items())
+
+
+def further(given: Mapping[str, str]) -> list[str]:
+    """Return the namespaces of further cameras."""
+    return [one for one in given["further_cameras"].split(";") if one]
 
 
 def replay(given: Mapping[str, str]) -> Node:

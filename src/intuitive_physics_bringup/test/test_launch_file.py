@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_bringup.connections import NODES, clock_rules
+from intuitive_physics_bringup.connections import CAMERAS, NODES, clock_rules
 
 LAUNCH_FILE = Path(__file__).parent.parent / "launch" / "intuitive_physics.launch.py"
 
@@ -57,6 +57,34 @@ def test_nodes_and_rviz_take_the_time_of_a_simulator_or_of_their_bag(monkeypatch
         assert renamed(action).get("/clock") == clock
 
 
+@pytest.mark.parametrize(
+    ("camera", "namespace", "name", "image"),
+    [
+        ("realsense", "rear/camera", "rear_camera", "rear/camera/depth/image_rect_raw"),
+        ("azure_kinect", "/rear", "rear", "/rear/depth/image_raw"),
+        ("zed", "zed2/zed_node", "zed2_zed_node", "zed2/zed_node/depth/depth_registered"),
+    ],
+)
+def test_a_further_camera_has_the_topics_of_its_driver_in_its_namespace(
+    camera, namespace, name, image
+):
+    topics = CAMERAS[camera].further_topics(namespace)
+    assert topics[f"~/{name}/depth/image"] == image
+    assert topics[f"~/{name}/depth/image/compressedDepth"] == f"{image}/compressedDepth"
+    assert len(topics) == 6
+
+
+@pytest.mark.needs("ros2launch")
+def test_further_cameras_are_parameters_and_rules_of_perception(monkeypatch):
+    monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
+    suite = loaded()
+    given = arguments(suite, further_cameras="rear/camera;side/camera", fixed_frame="map")
+    suite.check(given)
+    rules = renamed(suite.node("perception_node", given))
+    assert rules["~/side_camera/points"] == "side/camera/depth/color/points"
+    assert rules["~/points"] == "camera/camera/depth/color/points"
+
+
 @pytest.mark.needs("ros2launch")
 @pytest.mark.parametrize(
     ("name", "value", "complaint"),
@@ -69,6 +97,7 @@ def test_nodes_and_rviz_take_the_time_of_a_simulator_or_of_their_bag(monkeypatch
         ),
         ("camera", "pinhole", "camera is 'pinhole'; expected one of realsense, zed, azure_kinect"),
         ("namespace", "a b", "namespace is 'a b'; expected letters, digits and _"),
+        ("further_cameras", "a;b c", "further_cameras is 'a;b c'; expected namespaces divided by"),
         ("log_level", "loud", "log_level is 'loud'; expected one of debug, info"),
         ("rate", "-1", "rate is '-1'; expected a number from 0.01 to 100"),
         ("bag", "nowhere", "bag is 'nowhere'; expected the path of a bag"),

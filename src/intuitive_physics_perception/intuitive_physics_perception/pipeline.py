@@ -31,6 +31,7 @@ from intuitive_physics_perception.frame_result import (
     PerceivedObject,
     StageTimer,
 )
+from intuitive_physics_perception.further_camera import FurtherCamera
 from intuitive_physics_perception.scene import ModelledScene
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import (
@@ -60,11 +61,15 @@ class ModelledElsewhere:
 
 
 class PerceptionPipeline:
-    """Perceives frame after frame of one sensor, which stands still, or whose pose is known.
+    """Perceives frame after frame of one sensor, which stands still, or whose pose is known; and of
+    further cameras of the same scene, whose poses are known.
 
     The environment stays in the frame in which it was modelled first, wherever the sensor looks
     from. When a sensor that has moved stands still, and nothing that is followed moves, the
     environment is modelled again from there, in the same frame; what is followed goes on.
+
+    What any camera sees is one track. The environment is that of the first camera, by which flights
+    tell gravity and what is painted on a ball its spin.
 
     Parameters
     ----------
@@ -89,6 +94,8 @@ class PerceptionPipeline:
         self._background = background
         self._next_track = 1
         self._last_time = -np.inf
+        self._last_camera = ""
+        self._further: dict[str, FurtherCamera] = {}
         self._first_frames: list[NDArray[np.float32]] = []
         self._first_pose: RigidTransform | None = None
         self._moved_since_first = False
@@ -127,6 +134,8 @@ class PerceptionPipeline:
         time: float,
         colors: NDArray[np.uint8] | None = None,
         pose: RigidTransform | None = None,
+        camera: str = "",
+        offsets: NDArray[np.float32] | None = None,
     ) -> FrameResult:
         """Perceive one frame.
 
@@ -136,28 +145,43 @@ class PerceptionPipeline:
         time : s. An earlier time than that of the last frame restarts tracking
         colors : (height, width, 3) red, green and blue of the points, where they are known
         pose : of the sensor at this time, in a frame that stands still; None: the sensor does
+        camera : name of a further camera, empty for the first; their frames come in the order of
+            their times, and all poses are in one frame
+        offsets : (height, width) s, time of each reading after `time`, where they differ; objects
+            are followed at the times of their own readings
         """
+        if offsets is not None:
+            if offsets.shape != points.shape[:2]:
+                raise InvalidInputError(
+                    f"times of readings are {offsets.shape} and points {points.shape}; expected "
+                    "one for each point"
+                )
+            begin = float(np.min(offsets, initial=np.inf, where=np.isfinite(points[..., 2])))
+            if np.isfinite(begin):
+                time, offsets = time + begin, offsets - np.float32(begin)
         if colors is not None and colors.shape != points.shape:
             raise InvalidInputError(
                 f"colours are {colors.shape} and points {points.shape}; expected the same shape"
             )
         if not np.isfinite(time):
             raise InvalidInputError(f"time of the frame is {time}; expected a finite number")
-        if time == self._last_time:
+        if time == self._last_time and camera == self._last_camera:
             return self._unused(time, "two frames have the same time; expected increasing times")
         restarted = time < self._last_time
         episodes = self._restarted() if restarted else ()
-        self._last_time = time
+        self._last_time, self._last_camera = time, camera
         if not _has_readings(points):
             problem = "the frame has no reading at all; expected points: is the sensor covered?"
             result = self._unused(time, problem)
+        elif camera:
+            result = self._see_further(camera, points, time, colors, pose, offsets)
         elif (scene := self._scene) is None:
             self._take_first(points, pose)
             result = self._model(time, self._up_from_here())
         else:
             self._pose = pose
             self._look_from(scene, pose)
-            result = self._perceive(scene, points, time, colors)
+            result = self._perceive(scene, points, time, colors, scene, offsets=offsets)
             if pose is not None and self._scene is scene:
                 self._model_where_it_stands(scene, points, time, pose)
                 result = self._with_new_model(scene, result, pose)
@@ -170,6 +194,36 @@ class PerceptionPipeline:
     def finish(self) -> tuple[Observation, ...]:
         """Return the observations of what still moves, as at the end of a recording."""
         return observations_from(self._restarted())
+
+    def further_doubt(self, camera: str) -> str:
+        """Return a sentence on why the pose of a further camera may be wrong, empty where nothing
+        shows that."""
+        return self._further[camera].doubt if camera in self._further else ""
+
+    def _see_further(
+        self,
+        camera: str,
+        points: NDArray[np.float32],
+        time: float,
+        colors: NDArray[np.uint8] | None,
+        pose: RigidTransform | None,
+        offsets: NDArray[np.float32] | None,
+    ) -> FrameResult:
+        """Perceive a frame of a further camera in the environment of the first."""
+        if self._scene is None:
+            return self._unused(time, "the first camera has not shown the environment yet")
+        if pose is None or self._pose is None:
+            problem = "a camera has no pose; expected that of each in one frame that stands still"
+            return self._unused(time, problem)
+        further = self._further.setdefault(
+            camera, FurtherCamera(self.settings, self._rng, self._background)
+        )
+        seen = self._scene.model.seen_from(self._pose.inverse.after(pose))
+        eye = further.look(points, pose, seen)
+        if eye is None:
+            return FrameResult(time, self.model)
+        eye.share_tracking(self._scene)
+        return self._perceive(self._scene, points, time, colors, eye, camera, offsets)
 
     def _model(self, time: float, up: NDArray[np.float64] | None) -> FrameResult:
         """Model the environment once there are frames enough, with up (3,) where it is known."""
@@ -275,44 +329,61 @@ class PerceptionPipeline:
         points: NDArray[np.float32],
         time: float,
         colors: NDArray[np.uint8] | None,
+        eye: ModelledScene,
+        camera: str = "",
+        offsets: NDArray[np.float32] | None = None,
     ) -> FrameResult:
-        """Remove the planes, detect objects, track them, end episodes, revise the environment."""
+        """Remove the planes, detect objects, track them, end episodes, revise the environment.
+
+        `eye`: the scene as the camera of the frame sees it, which of the first is `scene` itself.
+        """
         timer = StageTimer(self._clock)
         with timer.stage("planes"):
-            moved = scene.check.moved(points, time) if scene.is_at_home else ""
+            moved = eye.check.moved(points, time) if eye.is_at_home else ""
             if moved:
-                return self._model_again(time, moved, self._forget_environment())
-            clusters = scene.stages.clusters(points)
-            scene.look_about(points, clusters)
+                return self._model_again(time, moved, self._forget_view(camera))
+            clusters = eye.stages.clusters(points)
+            eye.look_about(points, clusters)
         budget = self._budget()
         with timer.stage("spheres"):
-            spheres = scene.find_spheres(points, clusters, time, budget)
+            spheres = eye.find_spheres(points, clusters, time, budget)
         with timer.stage("solids"):
-            objects_seen = all_objects(points, spheres, scene.stages.solids, colors, budget)
+            objects_seen = all_objects(points, spheres, eye.stages.solids, colors, budget)
+            pixels = [item.pixels(points) for item in objects_seen]
         with timer.stage("tracking"):
-            pose = scene.model.rotation, scene.model.translation
+            pose = eye.model.rotation, eye.model.translation
             detections = [item.detection.moved(*pose) for item in objects_seen]
-            ended = scene.tracker.update(time, detections)
+            if offsets is not None:
+                detections = [
+                    replace(detection, delay=float(offsets.reshape(-1)[seen].mean()))
+                    for detection, seen in zip(detections, pixels, strict=True)
+                ]
+            ended = scene.tracker.update(time, detections, camera)
             shown = scene.tracker.objects_among(detections)
-            pixels = [objects_seen[k].pixels(points) for k in shown]
-            scene.stages.foreground.expect_objects(pixels)
-            scene.look_at_surfaces(
-                list(zip(objects_seen, detections, strict=True)), points, colors, time
-            )
-            scene.look_back()
-            objects = tuple(self._perceived(track, scene) for track in scene.tracker.tracks)
+            pixels = [pixels[k] for k in shown]
+            eye.stages.foreground.expect_objects(pixels)
+            if not camera:
+                scene.look_at_surfaces(
+                    list(zip(objects_seen, detections, strict=True)), points, colors, time
+                )
+            eye.look_back()
+            objects = tuple(self._perceived(track, scene, time) for track in scene.tracker.tracks)
         with timer.stage("episodes"):
             episodes = scene.episodes.update(time, scene.tracker.tracks, ended)
             up = scene.up_of_flights(episodes)
             if up is not None:
                 return self._turn_gravity(scene, up, time)
         with timer.stage("revision"):
-            revised = scene.watch(points, time, pixels)
+            revised = eye.watch(points, time, pixels)
             if revised is None:
                 reason = "the support has gone: the environment is modelled again"
-                return self._model_again(time, reason, (*episodes, *self._forget_environment()))
+                return self._model_again(time, reason, (*episodes, *self._forget_view(camera)))
+            if camera and revised:
+                # Only what it sees was revised.
+                scene.track_in_environment()
+                revised = ""
         return FrameResult(
-            time,
+            time + max((detection.delay for detection in detections), default=0.0),
             scene.model,
             is_new_model=bool(revised),
             revised=revised,
@@ -336,12 +407,12 @@ class PerceptionPipeline:
             return FrameBudget()
         return FrameBudget(1e-3 * self.settings.hypothesis_budget, self._clock)
 
-    def _perceived(self, track: Track, scene: ModelledScene) -> PerceivedObject:
+    def _perceived(self, track: Track, scene: ModelledScene, since: float) -> PerceivedObject:
         return PerceivedObject(
             track.scene_object(self.settings),
             track.object_state(scene.model.environment, self.settings),
             track.color,
-            newest_detection(track),
+            newest_detection(track, since),
         )
 
     def _turn_gravity(
@@ -368,7 +439,15 @@ class PerceptionPipeline:
         """Let the next frames model the environment; return what was under way."""
         episodes = self._restarted()
         self._first_frames, self._scene, self._modelling = [], None, None
+        self._further.clear()
         return episodes
+
+    def _forget_view(self, camera: str) -> tuple[Episode, ...]:
+        """Let the next frames of a camera show its view again; return what was under way."""
+        if not camera:
+            return self._forget_environment()
+        self._further[camera].forget()
+        return ()
 
     def _restarted(self) -> tuple[Episode, ...]:
         """Restart tracking in the same environment; return what was under way."""
@@ -377,6 +456,8 @@ class PerceptionPipeline:
         episodes = self._scene.episodes.finish(self._scene.tracker.tracks)
         self._next_track = self._scene.tracker.next_number
         self._scene.restart_tracking(self._next_track)
+        for further in self._further.values():
+            further.restart()
         return episodes
 
     def _unused(self, time: float, problem: str) -> FrameResult:

@@ -341,8 +341,9 @@ class ModelledScene:
         by_detection = {id(detection): item for item, detection in objects}
         rotation = self.model.rotation
         for track in self.tracker.followed:
-            item = by_detection.get(id(track.steps[-1].detection))
-            if item is None or not isinstance(item.detection, DetectedSphere):
+            step = track.seen_since(time)
+            item = by_detection.get(id(step.detection)) if step is not None else None
+            if step is None or item is None or not isinstance(item.detection, DetectedSphere):
                 continue
             if not self.tracker.flies(track):
                 track.surface = None
@@ -351,7 +352,7 @@ class ModelledScene:
             image = sphere_image(sphere, item.pixels(points), points, colors)
             if image is not None:
                 track.surface = track.surface or SurfaceSpin()
-                track.surface.take(time, image.moved(rotation))
+                track.surface.take(step.time, image.moved(rotation))
 
     def _followed_sphere(self, track: Track, detected: DetectedSphere) -> DetectedSphere:
         """A detected sphere in the sensor's frame, averaged over all frames so far."""
@@ -377,13 +378,16 @@ class ModelledScene:
     def _searches_backwards(self, track: Track) -> bool:
         """Search the newest frame before those that were searched for a track; False where there
         is none in which it can be expected."""
+        # The readings of a LiDAR on it were as late in the frames before.
+        delay = track.detections[0][1].delay
         seen = {time for time, _ in track.detections}
-        frame = self._recent.before(track.searched_until)
-        while frame is not None and frame[0] in seen:
+        frame = self._recent.before(track.searched_until - delay)
+        while frame is not None and frame[0] + delay in seen:
             frame = self._recent.before(frame[0])
         if frame is None or track.earlier is None:
             return False
-        time, points, clusters = frame
+        began, points, clusters = frame
+        time = began + delay
         expected = self.tracker.expected_before(track, time)
         if expected is None and time < min(seen):
             return False
@@ -393,7 +397,8 @@ class ModelledScene:
         start = expected.start.seen_from(self.model)
         detected = self.stages.spheres.find_expected(points, clusters, start)
         if detected is not None:
-            detection = detected.moved(self.model.rotation, self.model.translation)
+            placed = detected.moved(self.model.rotation, self.model.translation)
+            detection = replace(placed, delay=delay)
             if self.tracker.is_same(track, detection, expected):
                 track.earlier.append((time, detection))
         return True
@@ -423,10 +428,14 @@ class ModelledScene:
 
     def go_on_from(self, other: ModelledScene) -> None:
         """Take over what is followed in the same environment, modelled in the same frame."""
-        self.tracker, self.episodes = other.tracker, other.episodes
-        self._track_in_environment()
+        self.share_tracking(other)
+        self.track_in_environment()
 
-    def _track_in_environment(self) -> None:
+    def share_tracking(self, other: ModelledScene) -> None:
+        """Follow what another scene follows, as a further camera of the same environment."""
+        self.tracker, self.episodes = other.tracker, other.episodes
+
+    def track_in_environment(self) -> None:
         """Let tracking go on in the environment as it is known now."""
         self.tracker.take_environment(self.model.environment)
         self.episodes.take_environment(self.model.environment)
@@ -505,7 +514,7 @@ class ModelledScene:
         self.stages = self._home = stages
         self._space.take(self._space.view([self._settled], self.model.sensor_pose))
         self.check = EnvironmentCheck(self.model, self._settings, revised=True)
-        self._track_in_environment()
+        self.track_in_environment()
         new_ids = _ids(self.model.environment)
         changes = [("come", new_ids - old_ids), ("gone", old_ids - new_ids)]
         text = "; ".join(f"{change}: {', '.join(sorted(ids))}" for change, ids in changes if ids)

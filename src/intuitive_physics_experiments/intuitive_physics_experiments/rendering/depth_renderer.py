@@ -72,7 +72,7 @@ class DepthRenderer:
     def __init__(self, camera: Camera, environment: Environment) -> None:
         self.camera = camera
         self._rays = camera.rays().astype(np.float32)
-        self.background = _cast_background(camera, environment, self._rays)
+        self.background = cast_static(camera, environment, self._rays)
 
     def render_balls(
         self,
@@ -171,12 +171,13 @@ def cast_sphere(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return depth (...,) m, 0 where missed, and cosine of incidence (...,) of rays on a sphere.
 
-    The `rays` (..., 3) are directions with z = 1; the `center` (3,) m is in the camera's frame.
+    The `rays` (..., 3) are directions with z = 1; the `center` (3,) m, or one for each ray, is in
+    the camera's frame.
     """
     directions = rays.astype(np.float64)
     square = np.einsum("...i,...i", directions, directions)
-    along = directions @ center
-    discriminant = along**2 - square * (center @ center - radius**2)
+    along = (directions * center).sum(axis=-1)
+    discriminant = along**2 - square * ((center * center).sum(axis=-1) - radius**2)
     root = np.sqrt(np.maximum(discriminant, 0.0))
     depth = np.where(discriminant > 0.0, (along - root) / square, 0.0)
     # -n · d / |d| with n = (t d - c) / r, which simplifies to root / (r |d|).
@@ -209,9 +210,8 @@ def cast_swept_sphere(
     ).astype(np.float32)
 
 
-def _cast_background(
-    camera: Camera, environment: Environment, rays: NDArray[np.float32]
-) -> DepthImage:
+def cast_static(camera: Camera, environment: Environment, rays: NDArray[np.float32]) -> DepthImage:
+    """Return what `rays` (..., 3) with z = 1 in the camera's frame meet of planes and boxes."""
     open3d = _open3d()
     scene = open3d.t.geometry.RaycastingScene()
     for vertices, triangles in (*_plane_meshes(environment), *_box_meshes(environment)):

@@ -48,6 +48,7 @@ class DetectedSphere:
     sweep : (3,) m, way of the centre during the exposure, in the middle of which it is at `center`;
         either end may be the first
     outline : how it stands apart; None where that was not looked at
+    delay : s from the time of the frame to that of these readings
     """
 
     center: NDArray[np.float64]
@@ -59,6 +60,7 @@ class DetectedSphere:
     systematic: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4)))
     sweep: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     outline: Outline | None = None
+    delay: float = 0.0
 
     @property
     def numbers(self) -> NDArray[np.float64]:
@@ -122,6 +124,7 @@ class DetectedSolid:
     color : (3,) mean red, green and blue, 0 to 1; None where unknown
     systematic_error : m, standard deviation of the error that all frames share, in each
         component of the centre; part of its covariance
+    delay : s from the time of the frame to that of these readings
     """
 
     shape: Box | Capsule
@@ -134,6 +137,7 @@ class DetectedSolid:
     misfit: float
     color: NDArray[np.float64] | None = None
     systematic_error: float = 0.0
+    delay: float = 0.0
 
     @property
     def radius(self) -> float:

@@ -24,6 +24,7 @@ from intuitive_physics_perception.input.depth import (
     points_from_depth,
 )
 from intuitive_physics_perception.input.point_cloud import Field, points_from_cloud_data
+from intuitive_physics_perception.input.reading_times import times_from_cloud_data
 
 
 class _Camera:
@@ -44,10 +45,14 @@ class FrameDecoder:
     ----------
     rectified : whether images are without distortion already, so that the camera matrix is that
         of P instead of K
+    camera_info : topic of CameraInfo, as errors name it
     """
 
-    def __init__(self, *, rectified: bool = False) -> None:
+    def __init__(
+        self, *, rectified: bool = False, camera_info: str = "~/depth/camera_info"
+    ) -> None:
         self._rectified = rectified
+        self._camera_info = camera_info
         self._key: tuple[Any, ...] = ()
         self._camera: _Camera | None = None
 
@@ -106,7 +111,7 @@ class FrameDecoder:
         camera = self._camera
         if camera is None:
             raise InvalidInputError(
-                "depth images arrive without a CameraInfo on ~/depth/camera_info; "
+                f"depth images arrive without a CameraInfo on {self._camera_info}; "
                 "expected one: publish it or remap the topic"
             )
         # Asked first, so that a wrong CameraInfo alone costs neither time nor memory.
@@ -132,6 +137,13 @@ class FrameDecoder:
         """Return the colours (height, width, 3) of a PointCloud2 of which `cloud_points` has read
         the points; None where it has none."""
         return colors_from_cloud_data(cloud.data, **_layout(cloud))
+
+    @staticmethod
+    def cloud_times(cloud: Any) -> NDArray[np.float32] | None:
+        """Return the time of each point after the stamp, (height, width) s, of a PointCloud2 of
+        which `cloud_points` has read the points; None where it has none."""
+        stamp = cloud.header.stamp.sec + 1e-9 * cloud.header.stamp.nanosec
+        return times_from_cloud_data(cloud.data, **_layout(cloud), stamp=stamp)
 
     @staticmethod
     def image_colors(image: Any) -> NDArray[np.uint8]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import TypeAlias
 
@@ -13,9 +14,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import Header
 
-from intuitive_physics.errors import IntuitivePhysicsError
+from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics_perception.input.frame_decoder import FrameDecoder
-from intuitive_physics_perception.nodes.frame_worker import FrameWorker
+from intuitive_physics_perception.input.reading_times import times_of_rows
 from intuitive_physics_ros.conversions import seconds_from_stamp
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
 from intuitive_physics_ros.lifecycle.kernel_loading import KernelLoading
@@ -25,7 +26,29 @@ from intuitive_physics_ros.silence import Silence, launch_arguments
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 Frame: TypeAlias = Image | CompressedImage | PointCloud2
-UseFrame: TypeAlias = Callable[[Header, NDArray[np.float32], NDArray[np.uint8] | None], str]
+
+
+@dataclass(frozen=True, eq=False)
+class DecodedFrame:
+    """What a camera has read.
+
+    Parameters
+    ----------
+    camera : its name, empty for the first
+    header : of the message
+    points : (height, width, 3) m in the camera's frame
+    colors : (height, width, 3) red, green and blue; None where they are not known
+    offsets : (height, width) s, time of each reading after the stamp; None where all have its time
+    """
+
+    camera: str
+    header: Header
+    points: NDArray[np.float32]
+    colors: NDArray[np.uint8] | None
+    offsets: NDArray[np.float32] | None
+
+
+UseFrame: TypeAlias = Callable[[DecodedFrame], str]
 
 TOPICS: dict[type[Frame], str] = {
     Image: "~/depth/image",
@@ -68,8 +91,13 @@ KEPT = 4
 """Newest colour images that are kept: those of frames that wait to be processed."""
 
 
+def topic_of(camera: str, topic: str) -> str:
+    """Return one of the topics above of a camera by its name, empty for the first."""
+    return topic.replace("~/", f"~/{camera}/") if camera else topic
+
+
 class FrameInput:
-    """Subscribes to frames, decodes them in a thread of its own and reports their health.
+    """Subscribes to the frames of one camera, decodes them and reports their health.
 
     It subscribes once the kernels are loaded: who waits for subscribers before playing a recording
     may count on the first frame. `node` must spin for that.
@@ -81,75 +109,83 @@ class FrameInput:
     ----------
     node : that subscribes
     diagnostics : of the node
+    camera : its name, empty for the first
     kinds : messages that are subscribed to; of several the one that is good first stays, as both
         show the same scene
+    is_placed : whether tf has where each camera is
     rectified : whether images are without distortion already
     color : whether to subscribe to colour images registered to the depth images
+    row_time : from row to row of an image, s, as in `times_of_rows`
     kernels : of the perception of a frame
-    use : called in the thread with header, points and colours of each frame, None for no colours;
-        returns why it could not be used, empty when it could
+    put : called with each message that arrives; hands it over to a thread that calls `handle`
+    use : called there with each frame; returns why it could not be used, empty when it could
     """
 
     def __init__(
         self,
         node: Node,
         diagnostics: Diagnostics,
+        camera: str,
         kinds: tuple[type[Frame], ...],
         *,
+        is_placed: bool,
         rectified: bool,
         color: bool,
+        row_time: float,
         kernels: KernelLoading,
+        put: Callable[[Frame], None],
         use: UseFrame,
     ) -> None:
         self._node = node
         self._log = node.get_logger()
-        self._use = use
-        self._decoder = FrameDecoder(rectified=rectified)
+        self._camera = camera
+        self._is_placed = is_placed
+        self._row_time = row_time
+        self._put, self._use = put, use
+        self._info_topic = topic_of(camera, CAMERA_INFO)
+        self._decoder = FrameDecoder(rectified=rectified, camera_info=self._info_topic)
         self._kind: type[Frame] | None = None
+        self._frame_id = ""
+        self._topics = {kind: topic_of(camera, TOPICS[kind]) for kind in kinds}
         self._monitors: dict[type[Frame], InputMonitor] = {}
-        for kind in kinds:
-            self._monitors[kind] = InputMonitor(node, TOPICS[kind], TIMEOUT)
-            diagnostics.add(TOPICS[kind].removeprefix("~/"), partial(self._check, kind))
-        self._camera_monitor = InputMonitor(node, CAMERA_INFO, None)
+        for kind, topic in self._topics.items():
+            self._monitors[kind] = InputMonitor(node, topic, TIMEOUT)
+            diagnostics.add(topic.removeprefix("~/"), partial(self._check, kind))
+        self._camera_monitor = InputMonitor(node, self._info_topic, None)
         self._has_images = Image in kinds or CompressedImage in kinds
         if self._has_images:
-            diagnostics.add(CAMERA_INFO.removeprefix("~/"), self._check_camera)
+            diagnostics.add(self._info_topic.removeprefix("~/"), self._check_camera)
         self._color: ColorInput | None = None
         if color and self._has_images:
             color_kind = CompressedImage if CompressedImage in kinds else Image
-            self._color = ColorInput(node, diagnostics, color_kind)
-        self._worker: FrameWorker[Frame] = FrameWorker(self._handle)
+            self._color = ColorInput(node, diagnostics, camera, color_kind)
         kernels.when_loaded(self._subscribe)
-
-    @property
-    def dropped(self) -> int:
-        """Frames left out because newer ones came before they could be handled."""
-        return self._worker.dropped
-
-    def stop(self, patience: float) -> bool:
-        """End the thread once the frame under way is done; return whether it has ended.
-
-        `patience` in s to wait for it at most.
-        """
-        return self._worker.stop(patience)
 
     def _subscribe(self) -> None:
         self._expect()
+        node, camera = self._node, self._camera
         for kind in self._monitors:
-            create_subscription(self._node, kind, TOPICS[kind], self._worker.put, SENSOR_DATA)
+            create_subscription(node, kind, topic_of(camera, TOPICS[kind]), self._put, SENSOR_DATA)
         if self._has_images:
-            create_subscription(self._node, CameraInfo, CAMERA_INFO, self._on_camera, SENSOR_DATA)
+            create_subscription(
+                node, CameraInfo, topic_of(camera, CAMERA_INFO), self._on_camera, SENSOR_DATA
+            )
 
     def _expect(self) -> None:
         """Have it said when nothing arrives on what is subscribed to now."""
         arguments = [LAUNCH_ARGUMENTS[kind] for kind in self._monitors]
-        frames = {TOPICS[kind]: kind for kind in self._monitors}
-        silence = Silence(self._node, frames, launch_arguments("camera", *arguments))
+        frames = {topic: kind for kind, topic in self._topics.items()}
+        silence = Silence(self._node, frames, self._remedy(*arguments))
         for monitor in self._monitors.values():
             monitor.expect(silence)
         if self._has_images:
-            remedy = launch_arguments("camera", "camera_info")
-            self._camera_monitor.expect(Silence(self._node, {CAMERA_INFO: CameraInfo}, remedy))
+            info = {self._info_topic: CameraInfo}
+            self._camera_monitor.expect(Silence(self._node, info, self._remedy("camera_info")))
+
+    def _remedy(self, *arguments: str) -> str:
+        return launch_arguments(
+            "further_cameras" if self._camera else "camera", *(() if self._camera else arguments)
+        )
 
     def _on_camera(self, message: CameraInfo) -> None:
         try:
@@ -159,17 +195,18 @@ class FrameInput:
         else:
             self._camera_monitor.accepted()
 
-    def _handle(self, message: Frame) -> None:
-        """Decode and use one frame; runs in the worker's thread."""
+    def handle(self, message: Frame) -> None:
+        """Decode and use one frame; runs in the thread of perception."""
         if self._kind is not None and type(message) is not self._kind:
             return
         monitor = self._monitors[type(message)]
         try:
-            points, colors = self._decoded(message)
+            frame = self._decoded(self._camera_of(message), message)
             if self._kind is None:
-                self._kind = type(message)
-                self._log.info(f"perceives {self._kind.__name__} messages")
-            problem = self._use(message.header, points, colors)
+                self._kind, self._frame_id = type(message), message.header.frame_id
+                of = f" of camera {self._camera}" if self._camera else ""
+                self._log.info(f"perceives {self._kind.__name__} messages{of}")
+            problem = self._use(frame)
         except IntuitivePhysicsError as error:
             problem = str(error)
         except Exception as error:
@@ -180,17 +217,36 @@ class FrameInput:
         else:
             monitor.accepted()
 
-    def _decoded(self, message: Frame) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
-        """Points of a frame, and their colours where they are known."""
+    def _camera_of(self, message: Frame) -> str:
+        """Return the name of the camera that a message is from, by its frame.
+
+        Clouds of another frame are those of a camera elsewhere, where tf has it.
+        """
+        frame_id = message.header.frame_id
+        if self._kind is None or frame_id == self._frame_id:
+            return self._camera
+        if self._is_placed and isinstance(message, PointCloud2):
+            return f"{self._camera}/{frame_id}"
+        raise InvalidInputError(
+            f"frame_id is {frame_id!r:.80}; expected {self._frame_id!r:.80} as in all before: do "
+            "two cameras publish on one topic? Give each its own (parameter further_cameras); "
+            "deactivate and activate perception if one camera has replaced another"
+        )
+
+    def _decoded(self, camera: str, message: Frame) -> DecodedFrame:
+        """Points of a frame, their colours and times."""
+        header, decoder = message.header, self._decoder
         if isinstance(message, PointCloud2):
-            return self._decoder.cloud_points(message), self._decoder.cloud_colors(message)
+            points, colors = decoder.cloud_points(message), decoder.cloud_colors(message)
+            return DecodedFrame(camera, header, points, colors, decoder.cloud_times(message))
         if isinstance(message, CompressedImage):
-            points = self._decoder.compressed_image_points(message)
+            points = decoder.compressed_image_points(message)
         else:
-            points = self._decoder.image_points(message)
-        if self._color is None:
-            return points, None
-        return points, self._color.of_frame(message.header, points)
+            points = decoder.image_points(message)
+        colors = self._color.of_frame(header, points) if self._color is not None else None
+        height, width = points.shape[:2]
+        offsets = times_of_rows(height, width, self._row_time) if self._row_time else None
+        return DecodedFrame(camera, header, points, colors, offsets)
 
     def _check(self, kind: type[Frame]) -> Status:
         if self._kind is not None and kind is not self._kind:
@@ -212,18 +268,25 @@ class ColorInput:
     ----------
     node : that subscribes
     diagnostics : of the node
+    camera : its name, empty for the first
     kind : Image or CompressedImage
     """
 
     def __init__(
-        self, node: Node, diagnostics: Diagnostics, kind: type[Image | CompressedImage]
+        self,
+        node: Node,
+        diagnostics: Diagnostics,
+        camera: str,
+        kind: type[Image | CompressedImage],
     ) -> None:
-        self._monitor = InputMonitor(node, COLOR_TOPICS[kind], TIMEOUT)
+        topic = topic_of(camera, COLOR_TOPICS[kind])
+        self._monitor = InputMonitor(node, topic, TIMEOUT)
         self._newest: deque[tuple[float, NDArray[np.uint8]]] = deque(maxlen=KEPT)
-        diagnostics.add(COLOR_TOPICS[kind].removeprefix("~/"), self._monitor.check)
-        create_subscription(node, kind, COLOR_TOPICS[kind], self._on_image, SENSOR_DATA)
-        topics = {COLOR_TOPICS[kind]: kind}
-        self._monitor.expect(Silence(node, topics, launch_arguments("camera", "color")))
+        diagnostics.add(topic.removeprefix("~/"), self._monitor.check)
+        create_subscription(
+            node, kind, topic_of(camera, COLOR_TOPICS[kind]), self._on_image, SENSOR_DATA
+        )
+        self._monitor.expect(Silence(node, {topic: kind}, launch_arguments("camera", "color")))
 
     def of_frame(self, header: Header, points: NDArray[np.float32]) -> NDArray[np.uint8] | None:
         """Return the colours (height, width, 3) of a frame, None where there are none.

@@ -17,11 +17,20 @@ class FrameWorker(Generic[Item]):
     ----------
     handle : called with each item; must not raise
     waiting : items that may wait; when more come the oldest is dropped
+    idle : called in the same thread whenever nothing has come for `pause` s; must not raise
     """
 
-    def __init__(self, handle: Callable[[Item], None], waiting: int = 3) -> None:
+    def __init__(
+        self,
+        handle: Callable[[Item], None],
+        waiting: int = 3,
+        *,
+        idle: Callable[[], None] | None = None,
+        pause: float | None = None,
+    ) -> None:
         self.dropped = 0
         self._handle = handle
+        self._idle, self._pause = idle, pause
         self._items: deque[Item] = deque()
         self._waiting = waiting
         self._changed = threading.Condition()
@@ -52,8 +61,13 @@ class FrameWorker(Generic[Item]):
     def _run(self) -> None:
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._stopping or self._items)
+                has_come = self._changed.wait_for(
+                    lambda: self._stopping or self._items, self._pause
+                )
                 if self._stopping:
                     return
-                item = self._items.popleft()
-            self._handle(item)
+                item = self._items.popleft() if has_come else None
+            if item is not None:
+                self._handle(item)
+            elif self._idle is not None:
+                self._idle()

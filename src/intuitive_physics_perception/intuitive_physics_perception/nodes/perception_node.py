@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +21,8 @@ from intuitive_physics.validation import unit_quaternion
 from intuitive_physics_perception.compile import warm_up
 from intuitive_physics_perception.environment.gravity import RestingAccelerometer
 from intuitive_physics_perception.frame_result import FrameDiagnostics, FrameResult
-from intuitive_physics_perception.nodes.frame_input import INPUTS, FrameInput
+from intuitive_physics_perception.nodes.camera_inputs import CameraInputs
+from intuitive_physics_perception.nodes.frame_input import INPUTS, DecodedFrame
 from intuitive_physics_perception.nodes.outputs import MARKER_RATE, Outputs, object_names
 from intuitive_physics_perception.nodes.user_frames import FixedFrame, PublishedFrame
 from intuitive_physics_perception.pipeline import PerceptionPipeline
@@ -29,7 +32,7 @@ from intuitive_physics_perception.settings import (
     PerceptionSettings,
     settings_from_values,
 )
-from intuitive_physics_ros.conversions import seconds_from_stamp
+from intuitive_physics_ros.conversions import seconds_from_stamp, stamp_from_seconds
 from intuitive_physics_ros.conversions.scenes import detections_to_message
 from intuitive_physics_ros.diagnostics import Level, Status
 from intuitive_physics_ros.environment_publisher import EnvironmentPublisher
@@ -50,6 +53,9 @@ FRAME = "environment_frame_id"
 DEFAULT_FRAME = PerceptionSettings().environment_frame_id
 """Its default, which stands below the node's namespace."""
 
+NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+"""Pattern of a further camera's name, which is part of topics."""
+
 KEPT_STAMPS = 20_000
 """Frames whose exact stamps are kept, ten minutes at 30 a second: observations begin at one of them
 and come out when their motion is over."""
@@ -63,11 +69,31 @@ PARAMETERS = [
         "them",
         choices=tuple(INPUTS),
     ),
+    Parameter(
+        "further_cameras",
+        [""],
+        "names of further cameras of the same scene, whose topics are those of the first with the "
+        "name before them, such as ~/NAME/depth/image; needs fixed_frame; one empty name: none",
+    ),
+    Parameter(
+        "reordering_time",
+        0.1,
+        "longest time that a frame waits for earlier ones of other cameras, s; later ones are "
+        "dropped",
+        (0.0, 1.0),
+    ),
     Parameter("seed", 0, "seed of the random choices of RANSAC", (0, 2**31 - 1)),
     Parameter(
         "image_is_rectified",
         False,
         "take the camera matrix from P and no distortion, instead of K and D",
+    ),
+    Parameter(
+        "row_readout_time",
+        0.0,
+        "time from the exposure of one row of a depth image to that of the next, s, of a rolling "
+        "shutter whose first row has the image's stamp; below 0: the last row is exposed first",
+        (-0.01, 0.01),
     ),
     Parameter(
         "use_color",
@@ -84,7 +110,8 @@ PARAMETERS = [
         "fixed_frame",
         "",
         "frame that stands still, such as map or odom, in which tf has the pose of a sensor that "
-        "moves, at the time of each frame; empty: the sensor stands still",
+        "moves, or of each of several cameras, at the time of each frame; empty: the sensor stands "
+        "still",
     ),
     Parameter(
         "target_frame",
@@ -125,7 +152,8 @@ class PerceptionNode(ManagedNode):
         self._sensor_frame = ""
         self._newest: tuple[Header, FrameResult] | None = None
         self._stamps: dict[float, StampSeconds] = {}
-        self._frames = self._restarts = self._moves = 0
+        self._frames = self._restarts = self._moves = self._late_before = 0
+        self._cameras = ["", *_further_cameras(values["further_cameras"], values["fixed_frame"])]
         self._transforms: Transforms | None = None
         self._environment = EnvironmentPublisher(self)
         self._fixed = FixedFrame(values["fixed_frame"])
@@ -144,17 +172,23 @@ class PerceptionNode(ManagedNode):
         self._frame.listen(self._transforms)
         if self._pipeline.settings.gravity_source == "imu":
             self._make_imu(values["imu_orientation"])
-        self._input = FrameInput(
+        self._input = CameraInputs(
             self,
             self.diagnostics,
-            INPUTS[values["input"]],
+            self._cameras,
+            values["input"],
+            window=values["reordering_time"],
+            is_placed=bool(values["fixed_frame"]),
             rectified=values["image_is_rectified"],
             color=values["use_color"],
+            row_time=values["row_readout_time"],
             kernels=self.kernels,
             use=self._perceive,
         )
         self.diagnostics.add("environment", self._check_environment)
         self.diagnostics.add("pose of the sensor", self._fixed.check)
+        for camera in self._cameras[1:]:
+            self.diagnostics.add(f"pose of {camera}", partial(self._check_pose, camera))
         self.diagnostics.add("frame of what is published", self._frame.check)
         self.diagnostics.add("frames", self._check_frames)
         self.create_service(Trigger, "~/rebuild_environment", self._on_rebuild)
@@ -223,11 +257,11 @@ class PerceptionNode(ManagedNode):
         )
         return response
 
-    def _perceive(
-        self, header: Header, points: NDArray[np.float32], colors: NDArray[np.uint8] | None
-    ) -> str:
+    def _perceive(self, frame: DecodedFrame) -> str:
         """Perceive one frame; runs in the input's thread. Return why it could not be used."""
-        self._sensor_frame = header.frame_id
+        camera, header = frame.camera, frame.header
+        if not camera:
+            self._sensor_frame = header.frame_id
         if self._rebuild:
             self._rebuild = False
             self._publish_observations(self._pipeline.rebuild_environment())
@@ -240,22 +274,25 @@ class PerceptionNode(ManagedNode):
         self._last_time = time
         try:
             pose = self._fixed.sensor_pose(header)
+            points = self._fixed.as_of_stamp(header, frame.points, frame.offsets, pose)
         except UnknownTransformError as error:
             return str(error)
-        result = self._pipeline.process(points, time, colors, pose)
+        result = self._pipeline.process(points, time, frame.colors, pose, camera, frame.offsets)
         self._frames += 1
         if result.restarted:
             self._restarts += 1
             self.get_logger().warning("time went back: tracking starts again")
         if result.moved:
             self._moves += 1
-            self.get_logger().warning(result.moved)
+            of = f"camera {camera}: " if camera else ""
+            self.get_logger().warning(f"{of}{result.moved}")
         if result.revised:
             self.get_logger().info(result.revised)
         if result.model is not None:
-            self._publish_environment(header, result, pose)
+            if not camera:
+                self._publish_environment(header, result, pose)
             if self._frame.is_known and not result.diagnostics.problem:
-                self._publish_states(header, result)
+                self._publish_states(header, time, result)
         # Observations take longer than a frame, and nobody waits for them as for the states.
         self._publish_observations(result.observations)
         self._newest = (header, result)
@@ -281,11 +318,12 @@ class PerceptionNode(ManagedNode):
                     f"and {len(environment.boxes)} boxes"
                 )
 
-    def _publish_states(self, header: Header, result: FrameResult) -> None:
+    def _publish_states(self, header: Header, time: float, result: FrameResult) -> None:
         objects = [item.object for item in result.objects]
         states = [self._frame.state(item.state) for item in result.objects]
         detections = [self._frame.detection(item.detection) for item in result.objects]
-        header = Header(stamp=header.stamp, frame_id=self._frame.name)
+        stamp = header.stamp if result.time == time else stamp_from_seconds(result.time)
+        header = Header(stamp=stamp, frame_id=self._frame.name)
         self._outputs.publish_states(header, objects, states, detections)
         if self._detections is not None:
             self._detections.publish(detections_to_message(objects, states, header))
@@ -335,21 +373,53 @@ class PerceptionNode(ManagedNode):
             return Status(Level.WARN, model.gravity_doubt, values)
         return Status(Level.OK, f"{len(model.detected)} planes", values)
 
+    def _check_pose(self, camera: str) -> Status:
+        """Say whether a further camera's pose fits what it and the first camera see."""
+        doubt = self._pipeline.further_doubt(camera)
+        if doubt:
+            return Status(Level.WARN, doubt)
+        return Status(Level.OK, "nothing shows that it is wrong")
+
     def _check_frames(self) -> Status:
         diagnostics = self._newest[1].diagnostics if self._newest else FrameDiagnostics()
+        late, self._late_before = self._input.late - self._late_before, self._input.late
         values = {
             "handled": self._frames,
             "dropped": self._input.dropped,
+            "late": self._input.late,
             "restarts": self._restarts,
             "clusters that wait": diagnostics.waiting,
             **{f"{name} (ms)": f"{1e3 * s:.1f}" for name, s in diagnostics.seconds.items()},
         }
         if diagnostics.problem:
             return Status(Level.WARN, diagnostics.problem, values)
+        if late:
+            return Status(
+                Level.WARN,
+                f"{late} frames came after later ones of other cameras had been handled; expected "
+                "them within reordering_time",
+                values,
+            )
         if not self._frames:
             return Status(Level.OK, "no frame was handled yet", values)
         took = 1e3 * sum(diagnostics.seconds.values())
         return Status(Level.OK, f"the last frame took {took:.0f} ms", values)
+
+
+def _further_cameras(names: list[str], fixed_frame: str) -> list[str]:
+    """Return the names of further cameras once they are known to be good."""
+    further = [name for name in names if name]
+    good = all(NAME.fullmatch(name) for name in further) and len(set(further)) == len(further)
+    if not good:
+        raise InvalidInputError(
+            f"further_cameras is {further}; expected names that differ, of letters, digits and _"
+        )
+    if further and not fixed_frame:
+        raise InvalidInputError(
+            f"further_cameras is {further} and fixed_frame is empty; expected the frame in which "
+            "tf has the pose of each camera"
+        )
+    return further
 
 
 def main() -> int:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
 from std_msgs.msg import Header
 
 from intuitive_physics.frames.change_of_frame import (
@@ -20,9 +23,14 @@ from intuitive_physics_perception.environment.environment_model import (
     EnvironmentModel,
     is_same_view,
 )
+from intuitive_physics_perception.input.reading_times import as_of_start
+from intuitive_physics_ros.conversions import seconds_from_stamp, stamp_from_seconds
 from intuitive_physics_ros.diagnostics import Level, Status
 from intuitive_physics_ros.environment_publisher import EnvironmentPublisher
 from intuitive_physics_ros.transforms import Transforms, UnknownTransformError
+
+POSE_INTERVAL = 0.01
+"""Time, s, between two poses of a sensor within one frame, as of `as_of_start`."""
 
 PATIENCE = 0.15
 """Time, s, that a frame waits for the transform of its time. Our choice: joint states come 10 to
@@ -65,6 +73,47 @@ class FixedFrame:
             raise
         self._problem = ""
         return pose
+
+    def as_of_stamp(
+        self,
+        sensor: Header,
+        points: NDArray[np.float32],
+        offsets: NDArray[np.float32] | None,
+        pose: RigidTransform | None,
+    ) -> NDArray[np.float32]:
+        """Return a frame as a sensor would have read it that had stood still since its stamp.
+
+        Parameters
+        ----------
+        sensor : header of the frame
+        points : (height, width, 3) m, each as of its own time
+        offsets : (height, width) s, these times after the stamp; None: all are of the stamp's
+        pose : of the sensor at the stamp; None where it stands still
+
+        Returns
+        -------
+        (height, width, 3) m in the sensor's frame at the stamp
+
+        Raises
+        ------
+        UnknownTransformError
+            As `sensor_pose`.
+        """
+        if pose is None or offsets is None or not offsets.size:
+            return points
+        first, last = float(offsets.min()), float(offsets.max())
+        times = np.linspace(first, last, 1 + max(1, math.ceil((last - first) / POSE_INTERVAL)))
+        begin = seconds_from_stamp(sensor.stamp)
+        poses = [
+            self.sensor_pose(
+                Header(stamp=stamp_from_seconds(begin + float(t)), frame_id=sensor.frame_id)
+            )
+            for t in times
+        ]
+        known = [one for one in poses if one is not None]
+        moved = as_of_start(points, offsets, times, known)
+        back = pose.inverse.after(known[0])
+        return back.points(moved.reshape(-1, 3)).astype(np.float32).reshape(points.shape)
 
     def hang(
         self,

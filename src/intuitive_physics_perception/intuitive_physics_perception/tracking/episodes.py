@@ -163,19 +163,19 @@ def record_of(track: Track, settings: PerceptionSettings) -> Record:
     )
 
 
-def newest_detection(track: Track) -> Detections | None:
-    """Return the detection in a track's newest frame, given the radius its average found.
+def newest_detection(track: Track, since: float) -> Detections | None:
+    """Return the newest detection of a track, given the radius its average found.
 
     The centre of a sphere is moved as `record_of` does, with the gain of this frame alone. Its spin
     is that which the surface shows in this and earlier frames.
 
-    Returns one detection in the environment's frame; None where the object was not seen in that
-    frame.
+    Returns one detection in the environment's frame; None where the object was not seen since a
+    time, `since` in s.
     """
-    step = track.steps[-1]
-    detection = step.detection
-    if detection is None:
+    step = track.seen_since(since)
+    if step is None or step.detection is None:
         return None
+    detection = step.detection
     whole = frame_covariance(detection)
     position, covariance, bias = detection.center, whole[:3, :3], detection.systematic[:3, :3]
     if track.attitude is None:

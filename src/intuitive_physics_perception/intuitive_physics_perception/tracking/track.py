@@ -114,6 +114,8 @@ class Track:
     searched_until : s, down to which they were looked for
     identity : the object that it is, where that is known from elsewhere
     surface : what its surface has shown of its spin since its last contact; None while nothing
+    camera : name of the one whose frame showed it last
+    missed : whether that camera's newest frame did not
     """
 
     number: int
@@ -137,6 +139,8 @@ class Track:
     searched_until: float = np.inf
     identity: SceneObject | None = None
     surface: SurfaceSpin | None = None
+    camera: str = ""
+    missed: bool = False
 
     def take_color(self, color: NDArray[np.float64] | None, weight: float) -> None:
         """Average the colour of its detections; late frames count most, as light changes.
@@ -194,6 +198,11 @@ class Track:
         """Steps of the last `duration` s, oldest first."""
         newest = takewhile(lambda s: s.time >= self.time - duration, reversed(self.steps))
         return list(newest)[::-1]
+
+    def seen_since(self, time: float) -> FilterStep | None:
+        """Newest step with a detection, none before a time (s); None where there is none."""
+        steps = takewhile(lambda step: step.time >= time, reversed(self.steps))
+        return next((step for step in steps if step.detection is not None), None)
 
     def scene_object(self, settings: PerceptionSettings) -> SceneObject:
         """Return the object; its dimensions are averages over the track (Sec. VI-C)."""

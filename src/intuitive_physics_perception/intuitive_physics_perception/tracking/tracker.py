@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.scene import Environment, SceneObject
 from intuitive_physics_perception.detection.detections import (
+    DetectedSphere,
     Detection,
     frame_covariance,
     given_radius,
@@ -58,6 +59,9 @@ standard deviations off."""
 TENTATIVE_TIME = 0.08
 """A track that is not confirmed and unseen for longer is closed, s: at 30 Hz one frame may miss
 it."""
+
+INSTANT = 1e-6
+"""Time, s, between two steps of a track that are of one time: numerical."""
 
 FLIGHT_GAP = 0.01
 """Gap to every surface from which on an object is in free flight, m."""
@@ -125,6 +129,8 @@ class Tracker:
         self._environment = environment
         self._filter = TrackFilter(environment, settings)
         self._tracks: list[Track] = []
+        # Of the last frame, by the identity of the detection that each took.
+        self._taken: dict[int, Track] = {}
         ratio = settings.material_radius_ratio
         self._sizes = SizeClasses(ratio) if ratio > 1.0 else None
 
@@ -207,20 +213,43 @@ class Tracker:
             if track.time < time:
                 self._filter.predict(track, time)
 
-    def update(self, time: float, detections: Sequence[Detection]) -> list[Track]:
+    def update(self, time: float, detections: Sequence[Detection], camera: str = "") -> list[Track]:
         """Take what a frame shows, in the environment's frame; return tracks that ended.
 
-        `time` in s, later than that of the frame before.
+        What was read later than at the frame's time is taken at its own, after all else.
+
+        `time` in s, not earlier than that of the frame before; `camera`: name of the one whose
+        frame it is.
         """
         ended = [track for track in self._tracks if self._is_lost(track, time)]
         self._tracks = [track for track in self._tracks if not self._is_lost(track, time)]
-        self._carry_on(time)
-        matches = self._matches(detections)
+        self._taken = {}
+        for delay in sorted({0.0, *(detection.delay for detection in detections)}):
+            self._take(
+                time + delay,
+                [detection for detection in detections if detection.delay == delay],
+                camera,
+            )
         for track in self._tracks:
-            match = matches.get(track.number)
-            detection = None if match is None else match[1]
-            if detection is not None:
-                unseen = time - track.last_seen
+            if track.camera == camera:
+                track.missed = track.last_seen < time
+        self._tracks = [track for track in self._tracks if not self._was_no_ball(track)]
+        return [track for track in ended if track.confirmed]
+
+    def _take(self, time: float, detections: Sequence[Detection], camera: str) -> None:
+        """Take what was seen at one time, s."""
+        self._carry_on(time)
+        for track in self._tracks:
+            if track.time == track.steps[-1].time:
+                # A step follows each, and their times increase.
+                self._filter.predict(track, track.time + INSTANT)
+        matches = self._matches(time, detections)
+        for track in self._tracks:
+            detection = None
+            if track.number in matches:
+                n, detection = matches[track.number]
+                self._taken[id(detections[n])] = track
+                unseen = track.time - track.last_seen
                 if kind_of(detection) == track.kind:
                     self._filter.correct(track, detection)
                 else:
@@ -229,21 +258,20 @@ class Tracker:
                 track.take_color(detection.color, -float(np.expm1(-fading)))
                 settle(track, self._settings, detection)
                 self._classify(track)
+                track.camera = camera
             track.close_step(detection)
             self._follow_rest(track)
-        taken = [id(detection) for detection, _ in matches.values()]
+        taken = {n for n, _ in matches.values()}
         self._tracks += [
-            self._new_track(time, detection)
-            for detection in detections
-            if id(detection) not in taken and not self._is_end_of_capsule(detection)
+            self._new_track(time, detection, camera)
+            for n, detection in enumerate(detections)
+            if n not in taken and not self._is_end_of_capsule(detection)
         ]
-        self._tracks = [track for track in self._tracks if not self._was_no_ball(track)]
-        return [track for track in ended if track.confirmed]
 
     def objects_among(self, detections: Sequence[Detection]) -> list[int]:
         """Return which detections of the last frame are of objects: those of tracks that are, and
         those that are on their own more likely objects than not."""
-        taken = {id(track.steps[-1].detection) for track in self.tracks}
+        taken = {key for key, track in self._taken.items() if track.confirmed}
         return [
             k
             for k, detection in enumerate(detections)
@@ -273,10 +301,12 @@ class Tracker:
                 track.moving_since = fresh.moving_since
         track.earlier = None
 
-    def _matches(self, detections: Sequence[Detection]) -> dict[int, tuple[Detection, Detection]]:
-        """Pair numbers of tracks and detections, these as they are and as what they show of the
-        track: by what is likely, then by what a hit or a hand could explain. Colour has a say in
-        what is likely, never in what is possible."""
+    def _matches(
+        self, time: float, detections: Sequence[Detection]
+    ) -> dict[int, tuple[int, Detection]]:
+        """Pair numbers of tracks with detections of a time, by their index and as what they show of
+        the track: by what is likely, then by what a hit or a hand could explain. Colour has a say
+        in what is likely, never in what is possible."""
         likely = np.full((len(self._tracks), len(detections)), np.inf)
         possible = likely.copy()
         parts: dict[tuple[int, int], Detection] = {}
@@ -285,6 +315,7 @@ class Tracker:
                 detection = as_part_of(track, seen)
                 if detection is None:
                     continue
+                detection = brought_to(track, time, detection)
                 parts[k, n] = detection
                 innovation, spread = innovation_of(track, detection)
                 unlike = color_cost(track.color, detection.color)
@@ -302,7 +333,7 @@ class Tracker:
         for k, n in pairs:
             possible[k, :] = possible[:, n] = np.inf
         pairs += cheapest_pairs(possible)
-        return {self._tracks[k].number: (detections[n], parts[k, n]) for k, n in pairs}
+        return {self._tracks[k].number: (n, parts[k, n]) for k, n in pairs}
 
     def _reach(self, track: Track, spread: NDArray[np.float64]) -> float:
         """Largest distance, m, of a track from where it is expected."""
@@ -341,8 +372,7 @@ class Tracker:
     def _is_lost(self, track: Track, time: float) -> bool:
         unseen = time - track.last_seen
         # At a low rate the next frame may be the first that could have shown it again.
-        missed = track.steps[-1].detection is None
-        if not track.confirmed and missed and unseen > TENTATIVE_TIME:
+        if not track.confirmed and track.missed and unseen > TENTATIVE_TIME:
             return True
         return unseen > self._settings.coast_time
 
@@ -358,13 +388,14 @@ class Tracker:
             and is_in_capsule(track.mean[POSITION], self.tracks)
         )
 
-    def _new_track(self, time: float, detection: Detection) -> Track:
+    def _new_track(self, time: float, detection: Detection, camera: str) -> Track:
         track = self._filter.begin(self.next_number, time, detection)
-        track.identity = self._identity
+        track.identity, track.camera = self._identity, camera
         track.take_color(detection.color, 1.0)
         settle(track, self._settings, detection)
         self._classify(track)
         track.close_step(detection)
+        self._taken[id(detection)] = track
         self.next_number += 1
         return track
 
@@ -373,6 +404,25 @@ class Tracker:
         if self._sizes is not None and track.confirmed and track.attitude is None:
             deviation = float(np.sqrt(track.radius_variance))
             track.size = self._sizes.class_of(float(track.mean[RADIUS]), deviation, track.size)
+
+
+def brought_to(track: Track, time: float, detection: Detection) -> Detection:
+    """Return a detection of a time (s) as it would be at that of a track, which may be later.
+
+    A LiDAR shows an object late in its scan, and a camera meanwhile: between the two it moves
+    straight.
+    """
+    lag = track.time - time
+    if lag <= INSTANT:
+        return detection
+    center = detection.center + lag * track.mean[VELOCITY]
+    spread = lag**2 * track.covariance[VELOCITY, VELOCITY]
+    if not isinstance(detection, DetectedSphere):
+        position_covariance = detection.position_covariance + spread
+        return replace(detection, center=center, position_covariance=position_covariance)
+    covariance = detection.covariance.copy()
+    covariance[:3, :3] += spread
+    return replace(detection, center=center, covariance=covariance)
 
 
 def cheapest_pairs(costs: NDArray[np.float64]) -> list[tuple[int, int]]:

@@ -471,6 +471,8 @@ def test_gravity_is_that_of_the_imu(room) -> None:
         (["-p", "known_object_names:=[a, b]"], "[2, 1, 1] entries"),
         (["-p", "input:=radar"], "auto, depth, compressed, points"),
         (["-p", "min_points:=3"], "8"),
+        (["-p", "further_cameras:=[left]"], "fixed_frame is empty"),
+        (["-p", "further_cameras:=[a, a]", "-p", "fixed_frame:=map"], "names that differ"),
     ],
 )
 def test_parameters_that_cannot_be_are_one_line(arguments, text) -> None:

@@ -282,12 +282,12 @@ def test_the_newest_detection_is_that_of_its_frame_given_the_averaged_radius(rng
     times = np.arange(10) / 30.0
     follow(tracker, rng, [np.tile([0.0, 0.0, 1.0], (10, 1))], times)
     (track,) = tracker.tracks
-    newest, record = newest_detection(track), record_of(track, SETTINGS)
+    newest, record = newest_detection(track, track.time), record_of(track, SETTINGS)
     assert newest.times.tolist() == [times[-1]]
     np.testing.assert_allclose(newest.positions[0], record.positions[-1], atol=1e-12)
     np.testing.assert_allclose(newest.covariances[0], record.covariances[-1], atol=1e-15)
     tracker.update(times[-1] + 0.01, [])
-    assert newest_detection(track) is None
+    assert newest_detection(track, track.time) is None
 
 
 def test_the_state_has_a_wide_spin_and_no_doubt_in_rotation(rng) -> None:

@@ -1,0 +1,152 @@
+"""A further camera of a scene that another camera has modelled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor, Future
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.frames.change_of_frame import RigidTransform
+from intuitive_physics_perception.environment.environment_model import (
+    EnvironmentModel,
+    NoEnvironmentError,
+    is_same_view,
+    model_environment,
+)
+from intuitive_physics_perception.environment.noise import RangeNoise
+from intuitive_physics_perception.environment.planes import DetectedPlane
+from intuitive_physics_perception.environment.static_boxes import with_static_boxes
+from intuitive_physics_perception.scene import ModelledScene
+from intuitive_physics_perception.settings import PerceptionSettings
+
+SAME_PLANE = 5.0
+"""Angle, degrees, within which a plane that two cameras see is taken for one and the same."""
+
+SAME_PLANE_DISTANCE = 0.2
+"""Distance, m, within which it is: farther apart are two surfaces, as a table and a floor."""
+
+
+class FurtherCamera:
+    """Models what a further camera sees, in the frame of the environment that is known.
+
+    Its own model decides what belongs to an object in its frames: it fits its own readings where
+    its pose is not quite exact. Objects move in the environment of the first camera.
+
+    Parameters
+    ----------
+    settings : of all stages
+    rng : source of its random choices
+    background : in which its view is modelled while frames go on; None models it at once
+    """
+
+    def __init__(
+        self,
+        settings: PerceptionSettings,
+        rng: np.random.Generator,
+        background: Executor | None,
+    ) -> None:
+        self._settings = settings
+        self._rng = rng
+        self._background = background
+        self.forget()
+
+    def forget(self) -> None:
+        """Model its view again from the frames that follow."""
+        self._frames: list[NDArray[np.float32]] = []
+        self._collected = 0
+        self._modelled_at = RigidTransform()
+        self._modelling: Future[tuple[ModelledScene, str]] | None = None
+        self._scene: ModelledScene | None = None
+        self.doubt = ""
+
+    def restart(self) -> None:
+        """Forget the last frames, as when time goes back; its view stays known."""
+        if self._scene is not None:
+            self._scene.restart_tracking(1)
+
+    def look(
+        self, points: NDArray[np.float32], pose: RigidTransform, seen: EnvironmentModel
+    ) -> ModelledScene | None:
+        """Take a frame; return the scene as it is seen from here, None while that is not modelled.
+
+        `points` (height, width, 3) m; `pose` in the frame that stands still; `seen`: the known
+        environment as it is seen from there.
+        """
+        if self._scene is None and self._modelling is None:
+            self._collect(points, pose, seen)
+        if self._modelling is not None and self._modelling.done():
+            (self._scene, self.doubt), self._modelling = self._modelling.result(), None
+        if self._scene is not None:
+            self._scene.look_from(self._modelled_at.inverse.after(pose))
+        return self._scene
+
+    def _collect(
+        self, points: NDArray[np.float32], pose: RigidTransform, seen: EnvironmentModel
+    ) -> None:
+        """Keep a frame, and begin to model once there have been enough."""
+        noise = RangeNoise.from_settings(self._settings)
+        if not is_same_view(self._modelled_at.inverse.after(pose), noise):
+            # Of a camera that moves only the newest frames are from where it is now.
+            self._frames, self._modelled_at = [], pose
+        self._frames.append(points)
+        self._collected += 1
+        if self._collected < self._settings.environment_frames:
+            return
+        (rng,) = self._rng.spawn(1)
+        job = self._frames, seen, self._settings, rng, self._background
+        if self._background is not None:
+            self._modelling = self._background.submit(_modelled, *job)
+        else:
+            self._modelling = Future()
+            self._modelling.set_result(_modelled(*job))
+
+
+def _modelled(
+    frames: Sequence[NDArray[np.float32]],
+    seen: EnvironmentModel,
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+    background: Executor | None,
+) -> tuple[ModelledScene, str]:
+    """Model what frames (height, width, 3) m show, and say where it contradicts what is known."""
+    doubt = ""
+    try:
+        model = model_environment(frames, settings, rng, seen.rotation[2]).in_frame_of(seen)
+        doubt = pose_doubt(model, seen, settings)
+    except NoEnvironmentError:
+        # Nothing that could be a support is in its view, but what is known is.
+        model = seen
+    if settings.static_boxes:
+        model = with_static_boxes(model, frames, settings, rng)
+    scene = ModelledScene(model, frames, settings, rng, 1, measured=True, background=background)
+    return scene, doubt
+
+
+def pose_doubt(own: EnvironmentModel, seen: EnvironmentModel, settings: PerceptionSettings) -> str:
+    """Return a sentence on how far a plane is elsewhere for one camera than for another, empty
+    where noise explains it.
+
+    `own` model of a camera and the one that is known, as it is `seen` from there by its pose.
+    """
+    worst, sentence = 0.0, ""
+    for plane in own.detected:
+        # Where it is read best.
+        ranges = np.linalg.norm(plane.hull, axis=1)
+        place, noise = plane.hull[ranges.argmin()], own.noise.deviation(float(ranges.min()))
+        same = [other for other in seen.detected if _angle(plane, other) < SAME_PLANE]
+        apart = min((abs(float(other.normal @ place) - other.offset) for other in same), default=0)
+        explained = float(settings.plane_tolerance + settings.plane_sigmas * noise)
+        if max(worst, explained) < apart < SAME_PLANE_DISTANCE:
+            worst = apart
+            sentence = (
+                f"a plane is {100.0 * apart:.1f} cm beside where the first camera sees it; "
+                "expected the same place: calibrate where tf has the cameras"
+            )
+    return sentence
+
+
+def _angle(plane: DetectedPlane, other: DetectedPlane) -> float:
+    """Angle between two planes, degrees."""
+    return float(np.degrees(np.arccos(np.clip(plane.normal @ other.normal, -1.0, 1.0))))

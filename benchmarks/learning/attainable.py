@@ -112,11 +112,8 @@ def _draws(
     fit: JointFit, truth: NDArray[np.float64], rng: np.random.Generator
 ) -> NDArray[np.float64]:
     """Draw θ_s (DRAWS, n) on the unit cube about the truth (n,), by the likelihood there."""
-    precision = fit.prior.precision.copy()
-    for likelihood in fit.likelihoods():
-        part = np.ix_(likelihood.parameters, likelihood.parameters)
-        precision[part] += likelihood.information
-    drawn = rng.multivariate_normal(truth, np.linalg.inv(precision), DRAWS)
+    covariance = fit.prior.plus(fit.likelihoods()).covariance
+    drawn = rng.multivariate_normal(truth, covariance, DRAWS)
     return np.clip(drawn, 0.0, 1.0)
 
 

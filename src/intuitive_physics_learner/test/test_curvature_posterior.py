@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
 from intuitive_physics_learner.joint_estimation import (
     JointEstimationSettings,
     coordinate_scan,
@@ -22,7 +23,6 @@ from intuitive_physics_learner.joint_estimation.trajectory_model import (
     TrajectoryModel,
 )
 from intuitive_physics_learner.search.identifiability import ONE_SIDED_DEVIATIONS
-from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION
 
 PRIOR_DEVIATION = UNIFORM_PRECISION**-0.5
 E = 3

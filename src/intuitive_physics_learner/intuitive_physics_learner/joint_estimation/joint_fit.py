@@ -36,7 +36,8 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
 )
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
-from intuitive_physics_learner.search.learning_task import FitTask, GaussianPrior
+from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.search.learning_task import FitTask
 
 HELD_STEPS = 3
 """Steps of initial states alone by which two θ_s are compared; set by hand."""
@@ -279,7 +280,7 @@ class JointFit:
 
         `unit` (n,) θ_s on the unit cube, which is held.
         """
-        prior = GaussianPrior(unit, HELD_PRECISION * np.eye(unit.size))
+        prior = Gaussian.about(unit, HELD_PRECISION * np.eye(unit.size))
         fit = JointFit(replace(task, prior=prior), self.settings.with_fixed_horizons())
         fit.model.widen_spins(spins or InitialSpins())
         fit.begin_at(unit, prior.deviations, fits)
@@ -488,7 +489,7 @@ def next_damping(damping: float, chosen: int) -> float:
 
 def proposals(
     unit: NDArray[np.float64],
-    prior: GaussianPrior,
+    prior: Gaussian,
     estimates: Sequence[NDArray[np.float64]],
     equations: Sequence[NormalEquations],
     damping: float,

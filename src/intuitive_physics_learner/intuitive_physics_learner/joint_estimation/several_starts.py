@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, JointFit
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
-from intuitive_physics_learner.search.learning_task import FitTask, GaussianPrior
+from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.search.learning_task import FitTask
 
 STARTS = 4
 """Fits that begin, the first at the start of the task; set by hand: within the 4 s of a small
@@ -36,7 +37,7 @@ SCORING_STEPS = 3
 
 
 def drawn_starts(
-    prior: GaussianPrior, count: int, generator: np.random.Generator
+    prior: Gaussian, count: int, generator: np.random.Generator
 ) -> NDArray[np.float64]:
     """Draw points (count, n) of the unit cube that are spread as the prior is.
 
@@ -77,10 +78,8 @@ def log_evidences(
     fit.begin_at(solution.unit, prior.deviations if steps else solution.deviations, begun)
     for _ in range(steps):
         fit.step()
-    likelihoods, precision = fit.likelihoods(), prior.precision.copy()
-    for likelihood, weight in zip(likelihoods, task.weights, strict=True):
-        part = np.ix_(likelihood.parameters, likelihood.parameters)
-        precision[part] += weight * likelihood.information
+    likelihoods = fit.likelihoods()
+    precision = prior.plus(likelihoods, task.weights).precision
     narrowed = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(prior.precision)[1]
     losses = task.weights * np.array([likelihood.loss for likelihood in likelihoods])
     solution.model.simulations += fit.model.simulations

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
     ScanCandidates,
@@ -38,7 +39,7 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     observation_blocks,
 )
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
-from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, FitTask
+from intuitive_physics_learner.search.learning_task import FitTask
 from intuitive_physics_learner.search.one_sided_intervals import MOVE_GROWTH
 
 CURVATURE_WIDENING = 3.0

@@ -21,7 +21,8 @@ from intuitive_physics_learner.joint_estimation.settings import JointEstimationS
 from intuitive_physics_learner.joint_estimation.several_starts import log_evidences
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.online.online_state import Member
-from intuitive_physics_learner.search.learning_task import FitTask, GaussianPrior
+from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.search.learning_task import FitTask
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
 LONE_STEPS = 24
@@ -61,7 +62,7 @@ class LoneFit:
         cost: Cost,
         space: ParameterSpace,
         influence: NDArray[np.bool_],
-        prior: GaussianPrior,
+        prior: Gaussian,
         others: StaticParameters,
         *,
         scans: tuple[int, ...] = (),
@@ -106,7 +107,7 @@ class LoneFit:
         (likelihood,) = self._fit.likelihoods(look_for_spins=True)
         return replace(likelihood, parameters=self._parameters[likelihood.parameters])
 
-    def log_evidence(self, horizon: float, prior: GaussianPrior | None = None) -> float:
+    def log_evidence(self, horizon: float, prior: Gaussian | None = None) -> float:
         """Return ln ∫ p(points up to a horizon | θ_s) p(θ_s) dθ_s by Laplace's approximation.
 
         `horizon` in s, the last time that counts; evidences up to different ones do not compare.
@@ -133,7 +134,7 @@ class JointProblem:
 
     members: list[Member]
     parameters: NDArray[np.int64]
-    prior: GaussianPrior
+    prior: Gaussian
     task: FitTask
 
 

@@ -213,7 +213,7 @@ def _fitted(
         fit.step()
     unit = start.copy()
     unit[task.active] = fit.unit
-    posterior = fit.model.curvature_posterior(fit.estimate)
+    posterior = fit.model.curvature_posterior(fit.estimate, fit.weights)
     free, ends = one_sided_moves(fit, posterior.deviations)
     # What is known to one side only counts as uniform over its interval.
     factors = np.maximum(ends, 0.5 * free.sum(axis=1) / UNIFORM) / posterior.deviations

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
+from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
 from intuitive_physics_learner.online.change_point import (
     change_probability,
     chi_square_tail,

@@ -54,7 +54,7 @@ def test_initial_states_are_the_ridge_regression_of_each_level(gliding_task):
     influence = task.influence[:, task.active]
     (block,) = observation_blocks(task.cost.observations, influence)
     block = replace(block, whitening=np.broadcast_to(np.eye(3) / noise, block.whitening.shape))
-    fits = TrajectoryFits.initial(block, np.ones(block.members.size))
+    fits = TrajectoryFits.initial(block)
     steps = ParameterSteps(
         task.begin, np.full(4, 0.1), separate_groups(influence), task.searched.to_parameters
     )

@@ -13,7 +13,10 @@ from intuitive_physics_learner.joint_estimation import (
     normal_equations,
 )
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
-from intuitive_physics_learner.joint_estimation.normal_equations import NormalEquations, Posterior
+from intuitive_physics_learner.joint_estimation.normal_equations import (
+    NormalEquations,
+    joint_posterior,
+)
 from intuitive_physics_learner.joint_estimation.observation_blocks import (
     PRIOR_WIDENING,
     observation_blocks,
@@ -22,6 +25,7 @@ from intuitive_physics_learner.joint_estimation.trajectory_model import (
     LARGEST_MOVE_RISE,
     TrajectoryModel,
 )
+from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.identifiability import ONE_SIDED_DEVIATIONS
 
 PRIOR_DEVIATION = UNIFORM_PRECISION**-0.5
@@ -59,7 +63,7 @@ def test_a_linear_problem_has_the_posterior_of_least_squares(gliding_task, noise
     task = gliding_task([0.5, 0.5, 0.5], position_deviation=0.01, noise=noise)
     model = model_of(task)
     estimate = model.initial_estimate()
-    posterior = model.curvature_posterior(estimate)
+    posterior = model.curvature_posterior(estimate, task.fit_task.weights)
     information = information_of(task, model, estimate.fits[0].horizons) + UNIFORM_PRECISION
     assert posterior.deviations[E] == pytest.approx(information**-0.5, rel=1e-6)
     # What has no effect keeps its prior, and no correlation with e.
@@ -71,7 +75,7 @@ def test_counts_its_simulations(gliding_task):
     task = gliding_task([0.5, 0.5, 0.6], position_deviation=0.01)
     model = model_of(task)
     estimate = model.initial_estimate()
-    model.curvature_posterior(estimate)
+    model.curvature_posterior(estimate, task.fit_task.weights)
     assert model.simulations == pytest.approx(model.curvature_simulations(estimate))
 
 
@@ -82,7 +86,7 @@ def test_moves_end_where_the_loss_of_least_squares_is_no_longer_plausible(glidin
     estimate = model.initial_estimate()
     information = information_of(task, model, estimate.fits[0].horizons)
     expected = np.sqrt(2.0 * LARGEST_MOVE_RISE / information)
-    moves = model.plausible_moves(estimate, np.full(4, 2.0 * expected))
+    moves = model.plausible_moves(estimate, task.fit_task.weights, np.full(4, 2.0 * expected))
     # Seven bisections leave less than 2 % of it.
     assert moves[E, 0] == pytest.approx(expected, rel=0.02)
     assert moves[E, 1] > 0.45
@@ -96,9 +100,9 @@ def test_no_move_where_the_loss_is_a_parabola(gliding_task):
     task = gliding_task([0.5, 0.5, 0.5], position_deviation=0.01)
     model = model_of(task)
     estimate = model.initial_estimate()
-    posterior = model.curvature_posterior(estimate)
+    posterior = model.curvature_posterior(estimate, task.fit_task.weights)
     first = ONE_SIDED_DEVIATIONS * np.sqrt(3.0) * posterior.deviations
-    assert (model.plausible_moves(estimate, first)[E] == 0.0).all()
+    assert (model.plausible_moves(estimate, task.fit_task.weights, first)[E] == 0.0).all()
 
 
 def test_eliminating_initial_states_is_the_inverse_of_the_whole_matrix(gliding_task):
@@ -118,11 +122,12 @@ def test_eliminating_initial_states_is_the_inverse_of_the_whole_matrix(gliding_t
     whole = equations.hessian[0].copy()
     whole[3:, 3:] += UNIFORM_PRECISION * np.eye(4)
     inverse = np.linalg.inv(whole)
-    posterior = Posterior.of([eliminated], UNIFORM_PRECISION * np.eye(4))
+    prior = Gaussian.within_bounds(np.full(4, 0.5))
+    posterior = joint_posterior(prior, prior.mean, [eliminated], np.ones(1))
     np.testing.assert_allclose(posterior.covariance, inverse[3:, 3:], rtol=1e-9, atol=1e-12)
-    got = posterior.state_covariances(equations, eliminated)[0]
+    got = equations.state_covariances(eliminated, posterior)[0]
     np.testing.assert_allclose(got, inverse[:3, :3], rtol=1e-9, atol=1e-12)
     jacobian = slopes[0].reshape(7, -1)
     variances = np.einsum("ip,ij,jp->p", jacobian, inverse, jacobian).reshape(points, 3)
-    spreads = posterior.spreads(linear, equations, eliminated)[0]
+    spreads = equations.spreads(linear, eliminated, posterior)[0]
     np.testing.assert_allclose(spreads, np.sqrt(variances.sum(axis=1)), rtol=1e-9)

@@ -31,11 +31,13 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
     OUTLIER_LENGTH,
     NormalEquations,
     bounded_step,
+    reduced_equations,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import (
     ObservationBlock,
     observation_blocks,
 )
+from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask
 from intuitive_physics_learner.search.update_rules import HybridRandomSearch, UpdateRule
 
@@ -187,8 +189,7 @@ class CostDescent:
             return
         short = max(SHORT_LENGTH * float(np.median(lengths)), np.finfo(float).tiny)
         scale = short / OUTLIER_LENGTH
-        information = np.zeros((self._space.size, self._space.size))
-        scores = np.zeros(self._space.size)
+        eliminated = []
         for block, part in zip(self._blocks, linear, strict=True):
             still = np.zeros((block.members.size, 0))
             weighted = self._by_trajectory(block, part)
@@ -196,7 +197,10 @@ class CostDescent:
                 block, whitening=np.broadcast_to(np.eye(3) / scale, block.whitening.shape)
             )
             equations = NormalEquations.of(points, still, weighted, block.durations)
-            equations.eliminated().add_to(information, scores)
+            eliminated.append(equations.eliminated())
+        nothing = Gaussian.about(self.unit, np.zeros((self._space.size, self._space.size)))
+        weights = np.ones(len(self._cost.observations))
+        information, scores = reduced_equations(nothing, self.unit, eliminated, weights)
         # What no point depends on stays where it is.
         still_there = np.diag(information) <= 0.0
         information[still_there, still_there] = 1.0

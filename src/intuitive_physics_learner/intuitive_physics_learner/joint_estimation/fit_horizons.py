@@ -72,7 +72,6 @@ class TrajectoryFits:
     deviations : (W, d) standard deviation of each, in SI units
     horizons : (W,) s, the last time of each observation that is fitted
     misfits : (W,) consecutive steps in which each had a misfit
-    weights : (W,) with which each counts in what it says of θ_s
     farthest : (W,) s, the largest horizon that each has had
     retreats : (W,) how often each has retreated since
     """
@@ -81,20 +80,18 @@ class TrajectoryFits:
     deviations: NDArray[np.float64]
     horizons: NDArray[np.float64]
     misfits: NDArray[np.int64]
-    weights: NDArray[np.float64]
     farthest: NDArray[np.float64]
     retreats: NDArray[np.int64]
 
     @staticmethod
-    def initial(block: ObservationBlock, weights: NDArray[np.float64]) -> TrajectoryFits:
-        """Return the observed initial states with the first horizons, and given weights (W,)."""
+    def initial(block: ObservationBlock) -> TrajectoryFits:
+        """Return the observed initial states with the first horizons."""
         count = block.members.size
         return TrajectoryFits(
             np.zeros_like(block.prior_deviations),
             np.minimum(block.prior_deviations, LARGEST_STATE_DEVIATION),
             first_horizons(block),
             np.zeros(count, dtype=np.int64),
-            weights,
             np.zeros(count),
             np.zeros(count, dtype=np.int64),
         )

@@ -24,15 +24,14 @@ from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence impo
     SpinLikelihood,
 )
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
-from intuitive_physics_learner.joint_estimation.local_likelihood import (
-    LocalLikelihood,
-    local_likelihoods,
-)
 from intuitive_physics_learner.joint_estimation.normal_equations import (
-    AGREEMENT_FREEDOM,
+    Elimination,
+    LocalLikelihood,
     NormalEquations,
     agreement_weights,
     bounded_step,
+    joint_posterior,
+    reduced_equations,
 )
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
@@ -110,6 +109,7 @@ class JointFit:
     settings : as given
     model : simulates near the estimate, and counts simulations
     estimate : θ_s, initial states and fit horizons
+    weights : (n_observations,) with which each counts in what it says of θ_s, since the last step
     steps : taken so far
     misfits : share of the observations with a misfit in the last step
     responsive : (n,) bool, which parameters any of the fitted points depends on
@@ -120,6 +120,7 @@ class JointFit:
         self.prior = task.prior
         self.model = TrajectoryModel(task, settings)
         self.estimate = self.model.initial_estimate()
+        self.weights = task.weights
         self.responsive = np.zeros(self.unit.size, dtype=bool)
         self._damping = FIRST_DAMPING
         self._settled = 0
@@ -154,7 +155,7 @@ class JointFit:
 
     def likelihoods(self, *, look_for_spins: bool = False) -> list[LocalLikelihood]:
         """Return the likelihood of θ_s near the estimate, of each observation."""
-        likelihoods = local_likelihoods(self.model, self.estimate)
+        likelihoods = self.model.likelihoods(self.estimate, self.weights)
         if look_for_spins:
             for member, spins in self._other_spins().items():
                 likelihoods[member] = replace(likelihoods[member], spins=spins)
@@ -166,12 +167,11 @@ class JointFit:
         Each counts by its weight; one with another spin, which θ_s explains farther, in full.
         """
         evidence, likelihoods, others = SpinEvidence(), self.likelihoods(), self._other_spins()
-        for block, part in zip(self.model.blocks, self.estimate.fits, strict=True):
-            for member, weight in zip(block.members.tolist(), part.weights, strict=True):
-                if member in others:
-                    evidence.add_all(others[member])
-                else:
-                    evidence.add_all(likelihoods[member].spins, float(weight))
+        for member, weight in enumerate(self.weights.tolist()):
+            if member in others:
+                evidence.add_all(others[member])
+            else:
+                evidence.add_all(likelihoods[member].spins, weight)
         return evidence
 
     def observation_fits(self) -> list[ObservationFit]:
@@ -198,7 +198,7 @@ class JointFit:
         model, estimate = self.model, self.estimate
         linear = model.linearised(estimate)
         equations = model.equations(estimate, linear)
-        posterior, eliminated = model.posterior(equations)
+        posterior, eliminated = model.posterior(estimate, equations, self.weights)
         here = [model.space.to_parameters(self.unit)]
         beyond = np.full((2, len(model.cost.observations)), np.nan)
         for whole, fits, equation, left in zip(
@@ -206,7 +206,7 @@ class JointFit:
         ):
             until = np.minimum(fits.horizons + SECONDS_BEYOND, whole.durations)
             block = whole.shortened(until)
-            covariances = posterior.state_covariances(equation, left)
+            covariances = equation.state_covariances(left, posterior)
             draws = fits.draws(generator, covariances, DRAWS_BEYOND)
             index = np.zeros((len(draws), 1), dtype=np.int64)
             residuals = residuals_at(model.cost, block, draws, here, index, until)
@@ -315,9 +315,12 @@ class JointFit:
         if self.steps in self.settings.scan_steps and self._leave_local_optima(linear):
             linear = self.model.linearised(self.estimate)
         self.steps += 1
-        equations = self._weighted_by_agreement(self.model.equations(self.estimate, linear))
+        equations = self.model.equations(self.estimate, linear)
+        eliminated = [each.eliminated() for each in equations]
+        agreement = agreement_weights(self.prior, self.unit, eliminated, self.weights)
+        self.weights = self.model.task.weights * agreement
         self._note_responses(linear)
-        goals, evidence = self._predict_beyond_horizons(linear, equations)
+        goals, evidence = self._predict_beyond_horizons(linear, equations, eliminated)
         self._take_best_damped_step(equations, goals)
         if self.settings.widens_spins:
             self.model.widen_spins(evidence.initial_spins())
@@ -333,6 +336,7 @@ class JointFit:
             "misfits": self.misfits,
             "steps": self.steps,
             "responsive": self.responsive.tolist(),
+            "weights": self.weights.tolist(),
             "spins": self.model.spins.to_dict(),
             "fits": [part.state() for part in self.estimate.fits],
         }
@@ -347,32 +351,10 @@ class JointFit:
         self.misfits = state["misfits"]
         self.steps = state["steps"]
         self.responsive = np.array(state["responsive"])
+        self.weights = np.array(state["weights"])
         self.model.widen_spins(InitialSpins.from_dict(state["spins"]))
         for part, saved in zip(self.estimate.fits, state["fits"], strict=True):
             part.load_state(saved)
-
-    def _weighted_by_agreement(self, equations: list[NormalEquations]) -> list[NormalEquations]:
-        """Let each observation count the less, the less it agrees with the others."""
-        posterior, eliminated = self.model.posterior(equations)
-        scores = self.prior.scores(self.unit)
-        for part in eliminated:
-            np.add.at(scores, part.parameters, part.scores)
-        all_weights = agreement_weights(
-            eliminated,
-            [each.weights for each in equations],
-            posterior,
-            -posterior.covariance @ scores,
-            AGREEMENT_FREEDOM,
-        )
-        given = self.model.task.weights
-        for block, fits, weights in zip(
-            self.model.blocks, self.estimate.fits, all_weights, strict=True
-        ):
-            fits.weights = given[block.members] * weights
-        return [
-            replace(each, weights=fits.weights)
-            for each, fits in zip(equations, self.estimate.fits, strict=True)
-        ]
 
     def _note_responses(self, linear: Sequence[Linearisation]) -> None:
         for block, slopes in zip(self.model.blocks, linear, strict=True):
@@ -381,25 +363,28 @@ class JointFit:
             self.responsive[block.parameters[moving]] = True
 
     def _predict_beyond_horizons(
-        self, linear: Sequence[Linearisation], equations: Sequence[NormalEquations]
+        self,
+        linear: Sequence[Linearisation],
+        equations: Sequence[NormalEquations],
+        eliminated: Sequence[Elimination],
     ) -> tuple[list[NDArray[np.float64]], SpinEvidence]:
         """Take over the posterior's deviations.
 
         Returns `goals` (W,) of each block, s, how far its horizons may go; `evidence`: of how balls
         are thrown.
         """
-        posterior, eliminated = self.model.posterior(equations)
+        posterior = joint_posterior(self.prior, self.unit, eliminated, self.weights)
         self.estimate.deviations = posterior.deviations
         goals, evidence = [], SpinEvidence()
         for (block, part), slopes, equation, left in zip(
             self.model.parts(self.estimate), linear, equations, eliminated, strict=True
         ):
-            covariances = posterior.state_covariances(equation, left)
+            covariances = equation.state_covariances(left, posterior)
             spins = self.model.spin_likelihoods(block, part, covariances)
-            for likelihood, weight in zip(spins, part.weights, strict=True):
+            for likelihood, weight in zip(spins, self.weights[block.members], strict=True):
                 evidence.add_all(likelihood, float(weight))
             part.deviations = np.sqrt(np.einsum("wdd->wd", covariances))
-            spreads = posterior.spreads(slopes, equation, left)
+            spreads = equation.spreads(slopes, left, posterior)
             goals.append(
                 advanced_horizons(
                     block, slopes, spreads, part.horizons, self.settings.largest_advance
@@ -413,7 +398,9 @@ class JointFit:
         """Take the best of several damped steps, each initial state its own, and move horizons."""
         model = self.model
         estimates = [part.estimate for _, part in model.parts(self.estimate)]
-        units, states = proposals(self.unit, self.prior, estimates, equations, self._damping)
+        units, states = proposals(
+            self.unit, self.prior, estimates, equations, self.weights, self._damping
+        )
         candidates = [model.space.to_parameters(unit) for unit in units]
         # Each θ_s with the initial states that go with it, and with the present ones.
         index = np.concatenate([np.arange(len(units)), np.arange(1, len(units))])
@@ -426,8 +413,9 @@ class JointFit:
             )
             model.count(block, part.horizons, len(index))
             part_losses = part.losses(block, trying, residuals)
+            weights = self.weights[block.members]
             for u in range(len(units)):
-                losses[u] += (part.weights * part_losses[index == u].min(axis=0)).sum()
+                losses[u] += (weights * part_losses[index == u].min(axis=0)).sum()
             tried.append((trying, residuals, part_losses))
         best = int(np.argmin(losses))
         moved = np.abs(units[best] - self.unit) / self.estimate.deviations
@@ -465,7 +453,7 @@ class JointFit:
     def _leave_local_optima(self, linear: Sequence[Linearisation]) -> bool:
         """Move parameters to where on their range they fit better; return whether any moved."""
         places = SCAN_LEVELS
-        rises, state_estimates = self.model.scanned(self.estimate, linear, places)
+        rises, state_estimates = self.model.scanned(self.estimate, linear, places, self.weights)
         levels = np.argmin(rises, axis=1)
         moves = compatible_moves(-rises.min(axis=1), self.model.task.influence, SMALLEST_SCAN_GAIN)
         for (block, part), estimates in zip(
@@ -492,24 +480,22 @@ def proposals(
     prior: Gaussian,
     estimates: Sequence[NDArray[np.float64]],
     equations: Sequence[NormalEquations],
+    weights: NDArray[np.float64],
     damping: float,
 ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
     """Propose θ_s and initial states, at several dampings.
 
     `unit` (n,) the present θ_s on the unit cube; `estimates` (W, d) of each block, deviations from
-    the observed initial states, in SI units. Returns `units` (c, n) points of the cube, the present
-    one first; `states` (c, W, d) of each block, deviations from the observed initial states, in SI
-    units, that go with them.
+    the observed initial states, in SI units; `weights` (n_observations,) of the observations.
+    Returns `units` (c, n) points of the cube, the present one first; `states` (c, W, d) of each
+    block, deviations from the observed initial states, in SI units, that go with them.
     """
     units = [unit]
     states = [[estimate] for estimate in estimates]
     for factor in DAMPING_FACTORS:
         step_damping = _clipped_damping(damping * factor)
-        information = prior.precision.copy()
-        scores = prior.scores(unit)
         eliminated = [each.eliminated(step_damping) for each in equations]
-        for each in eliminated:
-            each.add_to(information, scores)
+        information, scores = reduced_equations(prior, unit, eliminated, weights)
         step = bounded_step(unit, information, scores, step_damping)
         step = np.clip(step, -LARGEST_MOVE, LARGEST_MOVE)
         units.append(unit + step)

@@ -75,7 +75,7 @@ def joint_identifiability(
     fit, searched, active = staged.joint, task.searched, task.active
     parameters = searched.to_parameters(fit.unit)
     began = seconds_left()
-    posterior = fit.model.curvature_posterior(fit.estimate)
+    posterior = fit.model.curvature_posterior(fit.estimate, fit.weights)
     # Those of both halves take about as long as this one.
     reserved = began - seconds_left() if np.isfinite(began) else 0.0
     free, ends = one_sided_moves(fit, posterior.deviations)
@@ -99,7 +99,7 @@ def joint_identifiability(
     intervals[~identified] = np.nan
     # Without the bounds, which the posterior of θ_s has by itself. What a user gave is as certain
     # as he says, whether the halves agree or not.
-    likelihood = np.linalg.inv(posterior.covariance) - fit.prior.precision
+    likelihood = posterior.precision - fit.prior.precision
     given = fit.prior.precision - UNIFORM_PRECISION * np.eye(factors.size)
     information = np.zeros((identified.size, identified.size))
     information[np.ix_(active, active)] = widened_information(likelihood, factors, agreed) + given
@@ -118,7 +118,7 @@ def one_sided_moves(
     standard deviation of each, where a move to both sides is plausible that of its ends.
     """
     least = ONE_SIDED_DEVIATIONS * UNIFORM
-    moves = fit.model.plausible_moves(fit.estimate, least * deviations)
+    moves = fit.model.plausible_moves(fit.estimate, fit.weights, least * deviations)
     ends = np.maximum(deviations, moves.min(axis=1) / UNIFORM)
     one_sided = (moves.max(axis=1) > least * ends) & (ends < LARGEST_DEVIATION)
     return np.where(one_sided[:, None], moves, 0.0), ends
@@ -228,7 +228,7 @@ def _agreed(
                 part.step()
     joints = [part.joint for part in fits]
     first, second = (
-        Half(joint.unit, joint.model.curvature_posterior(joint.estimate).deviations)
+        Half(joint.unit, joint.model.curvature_posterior(joint.estimate, joint.weights).deviations)
         for joint in joints
     )
     families = _families(task.searched.names)

@@ -31,14 +31,17 @@ from intuitive_physics_learner.joint_estimation.linearisation import (
 )
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     Elimination,
+    LocalLikelihood,
     NormalEquations,
-    Posterior,
+    joint_posterior,
+    reduced_equations,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import (
     ObservationBlock,
     observation_blocks,
 )
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask
 from intuitive_physics_learner.search.one_sided_intervals import MOVE_GROWTH
 
@@ -104,8 +107,7 @@ class TrajectoryModel:
 
     def initial_estimate(self) -> Estimate:
         """Return the estimate before any step: the prior, and the observed initial states."""
-        weights = self.task.weights
-        fits = [TrajectoryFits.initial(block, weights[block.members]) for block in self.blocks]
+        fits = [TrajectoryFits.initial(block) for block in self.blocks]
         return Estimate(np.clip(self.prior.mean, 0.0, 1.0), self.prior.deviations, fits)
 
     def parts(self, estimate: Estimate) -> Iterator[tuple[ObservationBlock, TrajectoryFits]]:
@@ -193,44 +195,95 @@ class TrajectoryModel:
     ) -> list[NormalEquations]:
         """Set up the equations of each block with the points up to the fit horizons."""
         return [
-            NormalEquations.of(block, part.estimate, each, part.horizons, part.weights)
+            NormalEquations.of(block, part.estimate, each, part.horizons)
             for (block, part), each in zip(self.parts(estimate), linear, strict=True)
         ]
 
     def posterior(
-        self, equations: Sequence[NormalEquations]
-    ) -> tuple[Posterior, list[Elimination]]:
-        """Return the posterior of the parameters, and the initial states as functions of them."""
-        eliminated = [each.eliminated() for each in equations]
-        return Posterior.of(eliminated, self.prior.precision), eliminated
+        self, estimate: Estimate, equations: Sequence[NormalEquations], weights: NDArray[np.float64]
+    ) -> tuple[Gaussian, list[Elimination]]:
+        """Return the posterior of the parameters, and the initial states as functions of them.
 
-    def marginal_posterior(self, equations: Sequence[NormalEquations]) -> Posterior:
-        """Return the posterior of the parameters, with errors that all observations share.
+        `weights` (n_observations,) of the observations.
+        """
+        eliminated = [each.eliminated() for each in equations]
+        return joint_posterior(self.prior, estimate.unit, eliminated, weights), eliminated
+
+    def likelihoods(
+        self, estimate: Estimate, weights: NDArray[np.float64]
+    ) -> list[LocalLikelihood]:
+        """Return what each observation says of θ_s near an estimate, in their order.
+
+        `weights` (n_observations,) with which all of them together say what θ_s is, where an
+        observation is asked for its initial spins.
+        """
+        likelihoods: dict[int, LocalLikelihood] = {}
+        linear = self.linearised(estimate)
+        equations = self.equations(estimate, linear)
+        posterior, eliminated = self.posterior(estimate, equations, weights)
+        for (block, part), slopes, equation, left in zip(
+            self.parts(estimate), linear, equations, eliminated, strict=True
+        ):
+            covariances = equation.state_covariances(left, posterior)
+            spins = self.spin_likelihoods(block, part, covariances)
+            present = part.estimate[None], slopes.residuals[None]
+            d, scale = equation.state_size, block.prior_deviations
+            inner = equation.hessian[:, :d, :d] * scale[:, :, None] * scale[:, None, :]
+            losses = part.losses(block, *present)[0] + 0.5 * np.linalg.slogdet(inner)[1]
+            for row, member in enumerate(block.members):
+                likelihoods[int(member)] = LocalLikelihood(
+                    block.parameters[row],
+                    estimate.unit[block.parameters[row]],
+                    left.information[row],
+                    left.scores[row],
+                    float(losses[row]),
+                    spins[row],
+                )
+        return [likelihoods[member] for member in range(len(likelihoods))]
+
+    def marginal_posterior(
+        self, estimate: Estimate, equations: Sequence[NormalEquations], weights: NDArray[np.float64]
+    ) -> Gaussian:
+        """Return the posterior about an estimate, with errors that all observations share.
 
         Each observation is fitted with shared errors of its own, which does no harm. But were they
         independent, many observations would average them out: here they are the same in all.
+
+        `weights` (n_observations,) of the observations.
         """
-        size = len(self.prior.mean)
+        n = len(self.prior.mean)
         common = [
-            each.with_common(block.shared_index, size)
+            each.with_common(block.shared_index, n)
             for each, block in zip(equations, self.blocks, strict=True)
         ]
-        most = max((int(part.parameters.max(initial=0)) for part in common), default=0)
-        precision = np.eye(max(most + 1, size))
-        precision[:size, :size] = self.prior.precision
-        whole = Posterior.of([part.eliminated() for part in common], precision)
-        return Posterior(whole.covariance[:size, :size])
+        shared = max((int(part.parameters.max(initial=n - 1)) for part in common), default=n - 1)
+        size = shared + 1
+        precision = np.eye(size)
+        precision[:n, :n] = self.prior.precision
+        centre = np.concatenate([estimate.unit, np.zeros(size - n)])
+        information, _ = reduced_equations(
+            Gaussian.about(centre, precision),
+            centre,
+            [part.eliminated() for part in common],
+            weights,
+        )
+        whole = Gaussian.about(centre, information)
+        return whole.marginal(np.arange(n))
 
     def scanned(
-        self, estimate: Estimate, linear: Sequence[Linearisation], levels: ArrayLike
+        self,
+        estimate: Estimate,
+        linear: Sequence[Linearisation],
+        levels: ArrayLike,
+        weights: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
         """Try each parameter at each level.
 
-        `levels` (n_levels,) places on the unit interval, or (n, n_levels) of each parameter.
-        Returns `rises` (n, n_levels) change of the loss, without a unit, of the prior and of the
-        observations that each parameter influences, by their weights; `fitted` (q, n_levels, W, d)
-        of each block, deviations from the observed initial states, in SI units, fitted to the
-        levels.
+        `levels` (n_levels,) places on the unit interval, or (n, n_levels) of each parameter;
+        `weights` (n_observations,) of the observations. Returns `rises` (n, n_levels) change of the
+        loss, without a unit, of the prior and of the observations that each parameter influences;
+        `fitted` (q, n_levels, W, d) of each block, deviations from the observed initial states, in
+        SI units, fitted to the levels.
         """
         each = np.broadcast_to(levels, (estimate.unit.size, np.shape(levels)[-1]))
         candidates = ScanCandidates(estimate.unit, self._groups, self.space, each)
@@ -244,28 +297,32 @@ class TrajectoryModel:
             parameters = block.parameters.shape[1]
             present = part.estimate[None], slopes.residuals[None]
             here = part.losses(block, *present)
-            there = part.weights * (part.losses(block, states, residuals) - here)
+            there = weights[block.members] * (part.losses(block, states, residuals) - here)
             by_level = there.T.reshape(*block.parameters.shape, each.shape[1])
             np.add.at(rises, block.parameters, by_level)
             fitted.append(states.reshape(parameters, each.shape[1], *part.estimate.shape))
         return rises, fitted
 
-    def curvature_posterior(self, estimate: Estimate) -> Posterior:
-        """Return the posterior at an estimate, by slopes over wider steps than those of a fit."""
+    def curvature_posterior(self, estimate: Estimate, weights: NDArray[np.float64]) -> Gaussian:
+        """Return the posterior at an estimate, by slopes over wider steps than those of a fit.
+
+        `weights` (n_observations,) of the observations.
+        """
         linear = self.linearised(estimate, CURVATURE_WIDENING)
-        return self.marginal_posterior(self.equations(estimate, linear))
+        return self.marginal_posterior(estimate, self.equations(estimate, linear), weights)
 
     def plausible_moves(
-        self, estimate: Estimate, first: NDArray[np.float64]
+        self, estimate: Estimate, weights: NDArray[np.float64], first: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return how far each parameter can be moved without an implausible rise of the loss.
 
         Each is moved outwards from the estimate, with initial states fitted to each place, and the
         end is bisected. A rise that its bounds alone bring does not count.
 
-        `first` (n,) widths, the first move to each side; a parameter that can be moved by it to no
-        side, or that its bounds leave no room for it, is not looked at further. Returns (n, 2)
-        widths down and up, 0 for parameters that are not looked at further.
+        `weights` (n_observations,) of the observations; `first` (n,) widths, the first move to each
+        side; a parameter that can be moved by it to no side, or that its bounds leave no room for
+        it, is not looked at further. Returns (n, 2) widths down and up, 0 for parameters that are
+        not looked at further.
         """
         linear = self.linearised(estimate, CURVATURE_WIDENING)
         unit = estimate.unit
@@ -275,7 +332,7 @@ class TrajectoryModel:
         asked = first < room.max(axis=1)
         for _ in range(MOVE_ROUNDS):
             away = moves * (-1.0, 1.0)
-            rises, _ = self.scanned(estimate, linear, unit[:, None] + away)
+            rises, _ = self.scanned(estimate, linear, unit[:, None] + away, weights)
             from_mean = (unit - self.prior.mean)[:, None]
             rises -= UNIFORM_PRECISION * (from_mean * away + 0.5 * away**2)
             plausible = rises < LARGEST_MOVE_RISE

@@ -16,7 +16,7 @@ from intuitive_physics_learner.joint_estimation.joint_fit import (
     JointFit,
     ObservationFit,
 )
-from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
+from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.several_starts import log_evidences
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
@@ -142,14 +142,6 @@ def window_fit(task: FitTask) -> JointFit:
     """Return a fit of several observations that begins at the prior's mean."""
     settings = JointEstimationSettings(largest_advance=LARGEST_ADVANCE, scan_steps=())
     return JointFit(task, settings)
-
-
-def agreement_weights(fit: JointFit) -> NDArray[np.float64]:
-    """Weights (n_observations,) of the last step, by how well each agrees with all others."""
-    weights = np.empty(len(fit.model.cost.observations))
-    for block, part in zip(fit.model.blocks, fit.estimate.fits, strict=True):
-        weights[block.members] = part.weights
-    return weights
 
 
 def most_evident(task: FitTask, fits: Sequence[JointFit]) -> int:

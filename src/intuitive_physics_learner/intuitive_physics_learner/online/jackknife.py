@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
-from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
+from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
 from intuitive_physics_learner.search.gaussian import Gaussian
 
 

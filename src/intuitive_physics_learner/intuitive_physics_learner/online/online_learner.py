@@ -28,7 +28,6 @@ from intuitive_physics_learner.online.fits import (
     BEYOND,
     JointProblem,
     LoneFit,
-    agreement_weights,
     most_evident,
     run,
     window_fit,
@@ -520,7 +519,7 @@ class OnlineLearner:
             problem.members,
             fit.observation_fits(),
             fit.likelihoods(look_for_spins=with_spins),
-            agreement_weights(fit).tolist(),
+            fit.weights.tolist(),
             strict=True,
         ):
             member.fit, member.weight = observation_fit, weight

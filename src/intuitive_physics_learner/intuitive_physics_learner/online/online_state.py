@@ -22,7 +22,7 @@ from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence impo
     SpinLikelihood,
 )
 from intuitive_physics_learner.joint_estimation.joint_fit import ObservationFit
-from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
+from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
 from intuitive_physics_learner.online.change_point import ChangePoint
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector

@@ -26,7 +26,10 @@ from intuitive_physics.state import LINEAR_VELOCITY, POSITION, ROTATION
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit, ObservationFit
 from intuitive_physics_learner.joint_estimation.observation_blocks import InitialStateDeviations
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.settings import (
+    FIXED_HORIZONS,
+    JointEstimationSettings,
+)
 from intuitive_physics_learner.search.learning_task import LearningTask
 
 ADVANCES = 20  # times that the fit horizons advance with everything held at the truth
@@ -93,7 +96,7 @@ def attainable_from(size: str, seed: int, task: Task) -> Attainable:
     whole = [replace(fit, horizon=np.inf) for fit in held]
     excesses = []
     for fits in (held, whole):
-        fit = JointFit(learning.fit_task, settings.with_fixed_horizons())
+        fit = JointFit(learning.fit_task, FIXED_HORIZONS, growing.model.stated_blocks)
         fit.begin_at(truth, deviations, fits)
         draws = _draws(fit, truth, np.random.default_rng(seed))
         parameters = [learning.searched.to_parameters(unit) for unit in draws]

@@ -46,7 +46,10 @@ from intuitive_physics_learner.design import (
 )
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.joint_identifiability import one_sided_moves
+from intuitive_physics_learner.joint_estimation.joint_identifiability import (
+    curvature_posterior,
+    one_sided_moves,
+)
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.one_sided_intervals import UNIFORM
@@ -213,7 +216,7 @@ def _fitted(
         fit.step()
     unit = start.copy()
     unit[task.active] = fit.unit
-    posterior = fit.model.curvature_posterior(fit.estimate, fit.weights)
+    posterior = curvature_posterior(fit)
     free, ends = one_sided_moves(fit, posterior.deviations)
     # What is known to one side only counts as uniform over its interval.
     factors = np.maximum(ends, 0.5 * free.sum(axis=1) / UNIFORM) / posterior.deviations

@@ -12,6 +12,14 @@ from intuitive_physics_learner.joint_estimation import (
     fit_horizons,
     normal_equations,
 )
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.joint_identifiability import (
+    LARGEST_MOVE_RISE,
+    curvature_posterior,
+    curvature_simulations,
+    move_simulations,
+    plausible_moves,
+)
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     NormalEquations,
@@ -20,10 +28,6 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
 from intuitive_physics_learner.joint_estimation.observation_blocks import (
     PRIOR_WIDENING,
     observation_blocks,
-)
-from intuitive_physics_learner.joint_estimation.trajectory_model import (
-    LARGEST_MOVE_RISE,
-    TrajectoryModel,
 )
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.identifiability import ONE_SIDED_DEVIATIONS
@@ -40,8 +44,8 @@ def least_squares(monkeypatch):
         monkeypatch.setattr(module, "OUTLIER_LENGTH", 100.0)
 
 
-def model_of(task):
-    return TrajectoryModel(task.fit_task, JointEstimationSettings())
+def fit_of(task):
+    return JointFit(task.fit_task, JointEstimationSettings())
 
 
 def information_of(task, model, horizons, slope=1.0):
@@ -61,9 +65,9 @@ def information_of(task, model, horizons, slope=1.0):
 @pytest.mark.parametrize("noise", [0.0, 0.003])
 def test_a_linear_problem_has_the_posterior_of_least_squares(gliding_task, noise):
     task = gliding_task([0.5, 0.5, 0.5], position_deviation=0.01, noise=noise)
-    model = model_of(task)
-    estimate = model.initial_estimate()
-    posterior = model.curvature_posterior(estimate, task.fit_task.weights)
+    fit = fit_of(task)
+    model, estimate = fit.model, fit.estimate
+    posterior = curvature_posterior(fit)
     information = information_of(task, model, estimate.fits[0].horizons) + UNIFORM_PRECISION
     assert posterior.deviations[E] == pytest.approx(information**-0.5, rel=1e-6)
     # What has no effect keeps its prior, and no correlation with e.
@@ -73,36 +77,34 @@ def test_a_linear_problem_has_the_posterior_of_least_squares(gliding_task, noise
 
 def test_counts_its_simulations(gliding_task):
     task = gliding_task([0.5, 0.5, 0.6], position_deviation=0.01)
-    model = model_of(task)
-    estimate = model.initial_estimate()
-    model.curvature_posterior(estimate, task.fit_task.weights)
-    assert model.simulations == pytest.approx(model.curvature_simulations(estimate))
+    fit = fit_of(task)
+    curvature_posterior(fit)
+    assert fit.model.simulations == pytest.approx(curvature_simulations(fit))
 
 
 def test_moves_end_where_the_loss_of_least_squares_is_no_longer_plausible(gliding_task):
     # f(e) = min(e, ½) at e = ½: a rise of ½ (move / σ)² downwards, none upwards until worlds fail.
     task = gliding_task([0.5, 0.5], effect=lambda e: np.minimum(e, 0.5), position_deviation=0.01)
-    model = model_of(task)
-    estimate = model.initial_estimate()
+    fit = fit_of(task)
+    model, estimate = fit.model, fit.estimate
     information = information_of(task, model, estimate.fits[0].horizons)
     expected = np.sqrt(2.0 * LARGEST_MOVE_RISE / information)
-    moves = model.plausible_moves(estimate, task.fit_task.weights, np.full(4, 2.0 * expected))
+    moves = plausible_moves(fit, np.full(4, 2.0 * expected))
     # Seven bisections leave less than 2 % of it.
     assert moves[E, 0] == pytest.approx(expected, rel=0.02)
     assert moves[E, 1] > 0.45
     # What has no effect can be moved to its bounds.
     unit = estimate.unit[:E]
     np.testing.assert_allclose(moves[:E], np.stack([unit, 1.0 - unit], axis=1))
-    assert model.simulations <= model.move_simulations(estimate)
+    assert model.simulations <= move_simulations(fit)
 
 
 def test_no_move_where_the_loss_is_a_parabola(gliding_task):
     task = gliding_task([0.5, 0.5, 0.5], position_deviation=0.01)
-    model = model_of(task)
-    estimate = model.initial_estimate()
-    posterior = model.curvature_posterior(estimate, task.fit_task.weights)
+    fit = fit_of(task)
+    posterior = curvature_posterior(fit)
     first = ONE_SIDED_DEVIATIONS * np.sqrt(3.0) * posterior.deviations
-    assert (model.plausible_moves(estimate, task.fit_task.weights, first)[E] == 0.0).all()
+    assert (plausible_moves(fit, first)[E] == 0.0).all()
 
 
 def test_eliminating_initial_states_is_the_inverse_of_the_whole_matrix(gliding_task):

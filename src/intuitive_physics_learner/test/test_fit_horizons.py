@@ -142,8 +142,8 @@ def test_a_horizon_retreats_to_before_its_misfit_and_others_reach_their_goals(bl
     residuals = np.zeros((2, 100, 3))
     residuals[1, 49:, 0] = 10.0 * NOISE
     goals = np.array([3.2, 3.2])
-    farther, misfits = fits.advance(block, residuals, goals, SETTINGS.misfit_patience)
-    assert (farther, misfits) == (True, 1)
+    assert fits.advance(block, residuals, goals)
+    np.testing.assert_array_equal(fits.misfits, [False, True])
     start = block.times[1, 49 - HALF]
     np.testing.assert_allclose(fits.horizons, [3.2, start - RETREAT])
 
@@ -155,7 +155,7 @@ def test_a_horizon_that_retreats_twice_and_gets_no_farther_stays(block):
     failing[1, 49:, 0] = 10.0 * NOISE
 
     def advance(residuals, to):
-        return fits.advance(block, residuals, np.full(2, to), 1)[0]
+        return fits.advance(block, residuals, np.full(2, to))
 
     assert advance(good, 3.2)
     for _ in range(MOST_RETREATS):
@@ -205,7 +205,7 @@ def test_losses_are_hubers_and_the_priors(block):
 def test_fits_continue_from_their_state(block):
     fits, other = (TrajectoryFits.initial(block) for _ in range(2))
     fits.estimate += 0.125
-    fits.misfits += 2
+    fits.misfits[1] = True
     other.load_state(fits.state())
     assert other.state() == fits.state()
     assert other.misfits.dtype == fits.misfits.dtype

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner.cost.cost_function import Cost
@@ -22,6 +22,7 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
     NormalEquations,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
+from intuitive_physics_learner.joint_estimation.trajectory_model import Estimate, TrajectoryModel
 from intuitive_physics_learner.search.search_space import SearchSpace
 
 SCAN_LEVELS = (0.02, 0.14, 0.26, 0.38, 0.5, 0.62, 0.74, 0.86, 0.98)
@@ -97,6 +98,40 @@ def scanned_states(
         target = (left * weights[..., None]).reshape(count, -1, 1)
         estimates[k] = estimate - (gains @ target)[..., 0] - shrinking
     return estimates, residuals_at(cost, block, estimates, candidates.parameters, index, until)
+
+
+def scanned(
+    model: TrajectoryModel,
+    estimate: Estimate,
+    linear: Sequence[Linearisation],
+    levels: ArrayLike,
+    weights: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+    """Try each parameter at each level.
+
+    `levels` (n_levels,) places on the unit interval, or (n, n_levels) of each parameter;
+    `weights` (n_observations,) of the observations. Returns `rises` (n, n_levels) change of the
+    loss, without a unit, of the prior and of the observations that each parameter influences;
+    `fitted` (q, n_levels, W, d) of each block, deviations from the observed initial states, in
+    SI units, fitted to the levels.
+    """
+    each = np.broadcast_to(levels, (estimate.unit.size, np.shape(levels)[-1]))
+    candidates = ScanCandidates(estimate.unit, model.groups, model.space, each)
+    away = each - estimate.unit[:, None]
+    rises = model.prior.scores(estimate.unit)[:, None] * away
+    rises += 0.5 * np.diag(model.prior.precision)[:, None] * away**2
+    fitted = []
+    for (block, part), slopes in zip(model.parts(estimate), linear, strict=True):
+        states, residuals = scanned_states(model.cost, block, part, slopes, candidates)
+        model.count(block, part.horizons, 2 * len(states))
+        parameters = block.parameters.shape[1]
+        present = part.estimate[None], slopes.residuals[None]
+        here = part.losses(block, *present)
+        there = weights[block.members] * (part.losses(block, states, residuals) - here)
+        by_level = there.T.reshape(*block.parameters.shape, each.shape[1])
+        np.add.at(rises, block.parameters, by_level)
+        fitted.append(states.reshape(parameters, each.shape[1], *part.estimate.shape))
+    return rises, fitted
 
 
 def compatible_moves(

@@ -14,14 +14,11 @@ from intuitive_physics_learner.joint_estimation.coordinate_scan import (
     SCAN_LEVELS,
     SMALLEST_SCAN_GAIN,
     compatible_moves,
+    scanned,
 )
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     advanced_horizons,
     lengths_beyond,
-)
-from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import (
-    SpinEvidence,
-    SpinLikelihood,
 )
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
 from intuitive_physics_learner.joint_estimation.normal_equations import (
@@ -33,7 +30,16 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
     joint_posterior,
     reduced_equations,
 )
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
+from intuitive_physics_learner.joint_estimation.settings import (
+    FIXED_HORIZONS,
+    JointEstimationSettings,
+)
+from intuitive_physics_learner.joint_estimation.spin_evidence import (
+    SpinEvidence,
+    SpinLikelihood,
+)
+from intuitive_physics_learner.joint_estimation.spin_search import other_spins
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask
@@ -103,6 +109,8 @@ class ObservationFit:
 class JointFit:
     """Fits all trajectories, each from an initial state of its own and up to its fit horizon.
 
+    `blocks` the stated ones of a model of the same observations; None: they are made.
+
     Attributes
     ----------
     prior : that of the task
@@ -115,10 +123,15 @@ class JointFit:
     responsive : (n,) bool, which parameters any of the fitted points depends on
     """
 
-    def __init__(self, task: FitTask, settings: JointEstimationSettings) -> None:
+    def __init__(
+        self,
+        task: FitTask,
+        settings: JointEstimationSettings,
+        blocks: list[ObservationBlock] | None = None,
+    ) -> None:
         self.settings = settings
         self.prior = task.prior
-        self.model = TrajectoryModel(task, settings)
+        self.model = TrajectoryModel(task, settings.largest_advance, blocks)
         self.estimate = self.model.initial_estimate()
         self.weights = task.weights
         self.responsive = np.zeros(self.unit.size, dtype=bool)
@@ -141,6 +154,11 @@ class JointFit:
     def settled(self) -> bool:
         """Whether the fit has converged: more steps would change nothing."""
         return self._settled >= SETTLED_STEPS
+
+    @property
+    def _fixed(self) -> bool:
+        """Whether fit horizons and the spread of initial spins stay as they are given."""
+        return self.settings.largest_advance == 0.0
 
     @property
     def held_simulations(self) -> float:
@@ -264,7 +282,7 @@ class JointFit:
     ) -> tuple[NDArray[np.float64], list[ObservationFit]]:
         """Fit initial states with θ_s held; return the loss (n_observations,) of each, and them."""
         model = self.model
-        fit = self._held_fit(model.task, unit, fits)
+        fit = self._held_fit(model.task, unit, fits, blocks=model.stated_blocks)
         losses = np.array([likelihood.loss for likelihood in fit.likelihoods()])
         model.simulations += fit.model.simulations
         return losses, fit.observation_fits()
@@ -275,13 +293,14 @@ class JointFit:
         unit: NDArray[np.float64],
         fits: Sequence[ObservationFit],
         spins: InitialSpins | None = None,
+        blocks: list[ObservationBlock] | None = None,
     ) -> JointFit:
         """Return a fit of initial states alone, up to fixed horizons.
 
         `unit` (n,) θ_s on the unit cube, which is held.
         """
         prior = Gaussian.about(unit, HELD_PRECISION * np.eye(unit.size))
-        fit = JointFit(replace(task, prior=prior), self.settings.with_fixed_horizons())
+        fit = JointFit(replace(task, prior=prior), FIXED_HORIZONS, blocks)
         fit.model.widen_spins(spins or InitialSpins())
         fit.begin_at(unit, prior.deviations, fits)
         for _ in range(HELD_STEPS):
@@ -294,7 +313,7 @@ class JointFit:
         θ_s and all other initial states stay as they are: a spin that is wrong does no harm there.
         """
         model, fits = self.model, self.observation_fits()
-        others = model.other_spins(self.estimate)
+        others = other_spins(model, self.estimate)
         if not others:
             return {}
         members = np.array(sorted(others))
@@ -303,7 +322,7 @@ class JointFit:
         likelihoods = fit.likelihoods()
         explained = np.zeros(members.size, dtype=bool)
         for block, part in fit.model.parts(fit.estimate):
-            explained[block.members] = part.misfits == 0
+            explained[block.members] = ~part.misfits
         return {int(members[k]): likelihoods[k].spins for k in np.flatnonzero(explained)}
 
     def step(self) -> None:
@@ -322,7 +341,7 @@ class JointFit:
         self._note_responses(linear)
         goals, evidence = self._predict_beyond_horizons(linear, equations, eliminated)
         self._take_best_damped_step(equations, goals)
-        if self.settings.widens_spins:
+        if not self._fixed:
             self.model.widen_spins(evidence.initial_spins())
 
     def state(self) -> dict[str, Any]:
@@ -442,18 +461,19 @@ class JointFit:
             pick = options[np.argmin(losses[options], axis=0)]
             every = np.arange(block.members.size)
             part.estimate = trying[pick, every]
-            farther, failing = part.advance(
-                block, residuals[pick, every], goal, self.settings.misfit_patience
-            )
-            advanced |= farther
-            misfits += failing
+            left = residuals[pick, every]
+            if self._fixed:
+                part.note_misfits(block, left)
+            else:
+                advanced |= part.advance(block, left, goal)
+            misfits += int(part.misfits.sum())
         self.misfits = misfits / len(self.model.cost.observations)
         return advanced
 
     def _leave_local_optima(self, linear: Sequence[Linearisation]) -> bool:
         """Move parameters to where on their range they fit better; return whether any moved."""
         places = SCAN_LEVELS
-        rises, state_estimates = self.model.scanned(self.estimate, linear, places, self.weights)
+        rises, state_estimates = scanned(self.model, self.estimate, linear, places, self.weights)
         levels = np.argmin(rises, axis=1)
         moves = compatible_moves(-rises.min(axis=1), self.model.task.influence, SMALLEST_SCAN_GAIN)
         for (block, part), estimates in zip(

@@ -31,17 +31,33 @@ from numpy.typing import NDArray
 
 from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRECISION
 from intuitive_physics.parameter_space import parameter_vector
+from intuitive_physics_learner.joint_estimation.coordinate_scan import scanned
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.normal_equations import reduced_equations
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
+from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.identifiability import (
     ONE_SIDED_DEVIATIONS,
     Identifiability,
     widened_information,
 )
 from intuitive_physics_learner.search.learning_task import LearningTask
-from intuitive_physics_learner.search.one_sided_intervals import UNIFORM
+from intuitive_physics_learner.search.one_sided_intervals import MOVE_GROWTH, UNIFORM
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
 from intuitive_physics_learner.search.search_space import ActiveSpace
+
+CURVATURE_WIDENING = 3.0
+"""Factor on the steps of the finite differences from which the posterior is computed; set by
+hand."""
+
+MOVE_ROUNDS = 8
+"""Rounds of moving a parameter outwards from the estimate, and of bisecting the end; set by
+hand."""
+
+LARGEST_MOVE_RISE = 4.5
+"""Rise of the loss up to which a move is plausible, that of three standard deviations: a fit may
+gain more than that of two by making a ball slip that does not; below the 6 of a parabola at 2 √3
+standard deviations."""
 
 FEWEST_OBSERVATIONS = 4
 """Observations from which on fits to two halves are compared: two in each half."""
@@ -75,7 +91,7 @@ def joint_identifiability(
     fit, searched, active = staged.joint, task.searched, task.active
     parameters = searched.to_parameters(fit.unit)
     began = seconds_left()
-    posterior = fit.model.curvature_posterior(fit.estimate, fit.weights)
+    posterior = curvature_posterior(fit)
     # Those of both halves take about as long as this one.
     reserved = began - seconds_left() if np.isfinite(began) else 0.0
     free, ends = one_sided_moves(fit, posterior.deviations)
@@ -108,6 +124,75 @@ def joint_identifiability(
     )
 
 
+def curvature_posterior(fit: JointFit) -> Gaussian:
+    """Return the posterior about an estimate, by slopes over wider steps than those of a fit.
+
+    Errors that all observations share are the same in all of them here. Each observation is fitted
+    with shared errors of its own, which does no harm; but were they independent, many observations
+    would average them out.
+    """
+    model, estimate = fit.model, fit.estimate
+    equations = model.equations(estimate, model.linearised(estimate, CURVATURE_WIDENING))
+    n = estimate.unit.size
+    common = [
+        each.with_common(block.shared_index, n)
+        for each, block in zip(equations, model.blocks, strict=True)
+    ]
+    size = 1 + max((int(part.parameters.max(initial=n - 1)) for part in common), default=n - 1)
+    precision = np.eye(size)
+    precision[:n, :n] = fit.prior.precision
+    centre = np.concatenate([estimate.unit, np.zeros(size - n)])
+    information, _ = reduced_equations(
+        Gaussian.about(centre, precision),
+        centre,
+        [part.eliminated() for part in common],
+        fit.weights,
+    )
+    return Gaussian.about(centre, information).marginal(np.arange(n))
+
+
+def plausible_moves(fit: JointFit, first: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far each parameter can be moved without an implausible rise of the loss.
+
+    Each is moved outwards from the estimate, with initial states fitted to each place, and the end
+    is bisected. A rise that its bounds alone bring does not count.
+
+    `first` (n,) widths, the first move to each side; a parameter that can be moved by it to no
+    side, or that its bounds leave no room for it, is not looked at further. Returns (n, 2) widths
+    down and up, 0 for parameters that are not looked at further.
+    """
+    model, estimate, unit = fit.model, fit.estimate, fit.unit
+    linear = model.linearised(estimate, CURVATURE_WIDENING)
+    room = np.stack([unit, 1.0 - unit], axis=1)
+    inner, outer = np.zeros_like(room), np.full_like(room, np.inf)
+    moves = np.minimum(first[:, None], room)
+    asked = first < room.max(axis=1)
+    for _ in range(MOVE_ROUNDS):
+        away = moves * (-1.0, 1.0)
+        rises, _ = scanned(model, estimate, linear, unit[:, None] + away, fit.weights)
+        from_mean = (unit - fit.prior.mean)[:, None]
+        rises -= UNIFORM_PRECISION * (from_mean * away + 0.5 * away**2)
+        plausible = rises < LARGEST_MOVE_RISE
+        inner = np.where(plausible, moves, inner)
+        outer = np.where(plausible, outer, moves)
+        asked &= (inner > 0.0).any(axis=1)
+        if not asked.any():
+            break
+        outwards = np.minimum(MOVE_GROWTH * moves, room)
+        moves = np.where(np.isinf(outer), outwards, 0.5 * (inner + outer))
+    return np.where(asked[:, None], inner, 0.0)
+
+
+def curvature_simulations(fit: JointFit) -> float:
+    """Simulations of single observations that `curvature_posterior` takes."""
+    return fit.model.simulations_of(fit.estimate, 2)
+
+
+def move_simulations(fit: JointFit) -> float:
+    """Simulations of single observations that `plausible_moves` takes at most."""
+    return fit.model.simulations_of(fit.estimate, 2 + 4 * MOVE_ROUNDS)
+
+
 def one_sided_moves(
     fit: JointFit, deviations: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -118,7 +203,7 @@ def one_sided_moves(
     standard deviation of each, where a move to both sides is plausible that of its ends.
     """
     least = ONE_SIDED_DEVIATIONS * UNIFORM
-    moves = fit.model.plausible_moves(fit.estimate, fit.weights, least * deviations)
+    moves = plausible_moves(fit, least * deviations)
     ends = np.maximum(deviations, moves.min(axis=1) / UNIFORM)
     one_sided = (moves.max(axis=1) > least * ends) & (ends < LARGEST_DEVIATION)
     return np.where(one_sided[:, None], moves, 0.0), ends
@@ -227,10 +312,7 @@ def _agreed(
             if not part.settled and not (part.steps and out_of_time()):
                 part.step()
     joints = [part.joint for part in fits]
-    first, second = (
-        Half(joint.unit, joint.model.curvature_posterior(joint.estimate, joint.weights).deviations)
-        for joint in joints
-    )
+    first, second = (Half(joint.unit, curvature_posterior(joint).deviations) for joint in joints)
     families = _families(task.searched.names)
     return agreed_deviations(fit.unit, deviations, (first, second), families, free)
 

@@ -11,7 +11,11 @@ from numpy.typing import NDArray
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.joint_identifiability import joint_identifiability
+from intuitive_physics_learner.joint_estimation.joint_identifiability import (
+    curvature_simulations,
+    joint_identifiability,
+    move_simulations,
+)
 from intuitive_physics_learner.joint_estimation.several_starts import STARTS, drawn_starts
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.search.identifiability import Identifiability
@@ -134,9 +138,8 @@ class JointSearch(Search):
             return super().identifiability_seconds(task, seconds)
         # The fits to both halves simulate as much as the fit to all, from one start. What the
         # observations are compared with afterwards counts too.
-        model, estimate = self.fit.model, self.fit.estimate
-        judged = self._staged.best_simulations + 2 * model.curvature_simulations(estimate)
-        judged += model.move_simulations(estimate) + self._staged.choice_simulations
+        judged = self._staged.best_simulations + 2 * curvature_simulations(self.fit)
+        judged += move_simulations(self.fit) + self._staged.choice_simulations
         judged += self.fit.beyond_simulations
         if task.start_was_learned:
             judged += self.fit.held_simulations

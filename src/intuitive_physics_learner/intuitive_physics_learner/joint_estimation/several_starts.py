@@ -18,7 +18,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, JointFit
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
+from intuitive_physics_learner.joint_estimation.settings import (
+    FIXED_HORIZONS,
+    JointEstimationSettings,
+)
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask
 
@@ -71,7 +75,7 @@ def log_evidences(
     prior there, and how much the observations narrow it.
     """
     prior = task.prior
-    fit = JointFit(task, JointEstimationSettings().with_fixed_horizons())
+    fit = JointFit(task, FIXED_HORIZONS, solution.model.stated_blocks)
     ends = np.minimum(horizons, durations(fit)).tolist()
     fits = zip(solution.observation_fits(), ends, strict=True)
     begun = [replace(each, horizon=end) for each, end in fits]
@@ -126,9 +130,10 @@ class SeveralStarts:
         self.spread = np.zeros(starts.shape[1])
         self._dropped_simulations = 0.0
         nothing = [None] * len(task.influence)
+        blocks = observation_blocks(task.cost.observations, task.influence)
         self.fits = []
         for start in starts:
-            fit = JointFit(task, settings)
+            fit = JointFit(task, settings, blocks)
             fit.begin_at(start, task.prior.deviations, nothing)
             self.fits.append(fit)
 

@@ -17,12 +17,12 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_places
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, ParameterSpace, parameter_vector
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import (
+from intuitive_physics_learner.joint_estimation.joint_fit import ObservationFit
+from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
+from intuitive_physics_learner.joint_estimation.spin_evidence import (
     SpinEvidence,
     SpinLikelihood,
 )
-from intuitive_physics_learner.joint_estimation.joint_fit import ObservationFit
-from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
 from intuitive_physics_learner.online.change_point import ChangePoint
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector

@@ -246,7 +246,8 @@ def test_judges_in_little_time_where_little_is_left(event_driven, throws):
 
     def judged(seconds_left):
         before = cost.trials
-        stated = joint_identifiability(fit, fit.choose(), task, seconds_left)
+        fit.choose()
+        stated = joint_identifiability(fit, task, seconds_left)
         return stated, cost.trials - before
 
     at_leisure, many = judged(lambda: np.inf)

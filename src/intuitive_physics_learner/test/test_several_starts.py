@@ -171,4 +171,4 @@ def test_votes_are_bounded_and_the_difference_of_two_is_clipped(drawn):
 def test_a_search_with_few_evaluations_has_one_start(deceptive_task, most, fits):
     search = JointSearch(deceptive_task, np.random.default_rng(0))
     search.plan(most)
-    assert len(search._staged._jointly.fits) == fits
+    assert len(search._staged.jointly.fits) == fits

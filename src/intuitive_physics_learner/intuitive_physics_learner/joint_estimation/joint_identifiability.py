@@ -80,14 +80,10 @@ SLOPE_STEP = 1e-5
 
 def joint_identifiability(
     staged: StagedFit,
-    spread: NDArray[np.float64],
     task: LearningTask,
     seconds_left: Callable[[], float] = lambda: np.inf,
 ) -> Identifiability:
-    """State what is identified and how well, after a fit has converged.
-
-    `spread` (n,) widths², by how much fits from other starts differ from it.
-    """
+    """State what is identified and how well, after a fit has converged."""
     fit, searched, active = staged.joint, task.searched, task.active
     parameters = searched.to_parameters(fit.unit)
     began = seconds_left()
@@ -97,7 +93,7 @@ def joint_identifiability(
     free, ends = one_sided_moves(fit, posterior.deviations)
     agreed = _agreed(staged, ends, free, task, lambda: seconds_left() < reserved)
     least = ONE_SIDED_DEVIATIONS * UNIFORM
-    agreed = np.sqrt(agreed**2 + spread)
+    agreed = np.sqrt(agreed**2 + staged.jointly.spread)
     one_sided = (free.max(axis=1) > least * agreed) & (agreed < LARGEST_DEVIATION)
     agreed = np.minimum(agreed, fit.prior.deviations)
     factors = agreed / posterior.deviations
@@ -305,7 +301,7 @@ def _agreed(
         return deviations
     whole = task.fit_task
     parts = halves(whole.influence)
-    fits = [StagedFit(whole.of(members), staged.start[None]) for members in parts]
+    fits = [StagedFit(whole.of(members), staged.jointly.starts[:1]) for members in parts]
     # Side by side, so that neither is ahead where time runs out.
     for _ in range(staged.steps):
         for part in fits:

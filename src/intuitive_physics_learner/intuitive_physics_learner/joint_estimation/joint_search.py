@@ -90,7 +90,7 @@ class JointSearch(Search):
 
     def plan(self, most_iterations: int | None) -> None:
         if most_iterations is not None and most_iterations < FEWEST_FOR_STARTS:
-            self._staged.keep_first_start()
+            self._staged.jointly.keep_first()
 
     def step(self, limit: int, relative_gain: float = 0.0) -> int:
         before = self.iterations
@@ -131,7 +131,7 @@ class JointSearch(Search):
         """From the posterior of the fit; where J was lowered instead, by J."""
         if self.lowers_cost:
             return super().identifiability(task, cancelled=cancelled, seconds_left=seconds_left)
-        return joint_identifiability(self._staged, self._staged.spread, task, seconds_left)
+        return joint_identifiability(self._staged, task, seconds_left)
 
     def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
         if self.lowers_cost or self.iterations == 0:
@@ -139,7 +139,7 @@ class JointSearch(Search):
         # The fits to both halves simulate as much as the fit to all, from one start. What the
         # observations are compared with afterwards counts too.
         judged = self._staged.best_simulations + 2 * curvature_simulations(self.fit)
-        judged += move_simulations(self.fit) + self._staged.choice_simulations
+        judged += move_simulations(self.fit) + self._staged.jointly.choice_simulations
         judged += self.fit.beyond_simulations
         if task.start_was_learned:
             judged += self.fit.held_simulations

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
+    SMALLEST_SCAN_GAIN,
     ScanCandidates,
     compatible_moves,
     scanned_states,
@@ -82,11 +83,11 @@ def test_initial_states_are_the_ridge_regression_of_each_level(gliding_task):
 def test_moves_share_no_observation_and_none_that_gains_most_is_left_out(seed):
     rng = np.random.default_rng(seed)
     influence = rng.random((6, 8)) < 0.3
-    gains = rng.normal(size=8)
-    moves = compatible_moves(gains, influence, 0.5)
-    assert (gains[moves] >= 0.5).all()
+    gains = 2.0 * SMALLEST_SCAN_GAIN * rng.normal(size=8)
+    moves = compatible_moves(gains, influence)
+    assert (gains[moves] >= SMALLEST_SCAN_GAIN).all()
     assert (influence[:, moves].sum(axis=1) <= 1).all()
-    for parameter in set(np.flatnonzero(gains >= 0.5)) - set(moves):
+    for parameter in set(np.flatnonzero(gains >= SMALLEST_SCAN_GAIN)) - set(moves):
         rivals = [m for m in moves if (influence[:, m] & influence[:, parameter]).any()]
         assert max(gains[rivals]) >= gains[parameter]
 

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
-from intuitive_physics_learner.joint_estimation import (
-    JointEstimationSettings,
-    coordinate_scan,
-    fit_horizons,
-    normal_equations,
-)
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings, normal_equations
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.joint_identifiability import (
     LARGEST_MOVE_RISE,
@@ -40,8 +35,7 @@ E = 3
 @pytest.fixture(autouse=True)
 def least_squares(monkeypatch):
     """Let nothing be an outlier."""
-    for module in (normal_equations, fit_horizons, coordinate_scan):
-        monkeypatch.setattr(module, "OUTLIER_LENGTH", 100.0)
+    monkeypatch.setattr(normal_equations, "OUTLIER_LENGTH", 100.0)
 
 
 def fit_of(task):

@@ -18,8 +18,8 @@ from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.fit_horizons import TrajectoryFits
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
 from intuitive_physics_learner.joint_estimation.normal_equations import (
-    OUTLIER_LENGTH,
     NormalEquations,
+    huber_weights,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
 from intuitive_physics_learner.joint_estimation.trajectory_model import Estimate, TrajectoryModel
@@ -77,7 +77,7 @@ def scanned_states(
     units, the levels of one parameter after those of the other; `residuals` (q * n_levels, W, P, 3)
     m.
     """
-    estimate, until, outlier = fits.estimate, fits.horizons, OUTLIER_LENGTH
+    estimate, until = fits.estimate, fits.horizons
     count, d = estimate.shape
     index = candidates.index[block.parameters].reshape(count, -1).T
     tried = np.broadcast_to(estimate, (len(index), count, d))
@@ -94,7 +94,7 @@ def scanned_states(
     for k, left in enumerate(residuals):
         reached = counted & np.isfinite(left).all(axis=2)
         left = block.whitened(np.where(reached[..., None], left, 0.0))
-        weights = np.minimum(1.0, outlier / np.maximum(np.linalg.norm(left, axis=2), 1e-12))
+        weights = huber_weights(np.linalg.norm(left, axis=2))
         target = (left * weights[..., None]).reshape(count, -1, 1)
         estimates[k] = estimate - (gains @ target)[..., 0] - shrinking
     return estimates, residuals_at(cost, block, estimates, candidates.parameters, index, until)
@@ -134,9 +134,7 @@ def scanned(
     return rises, fitted
 
 
-def compatible_moves(
-    gains: NDArray[np.float64], influence: NDArray[np.bool_], least_gain: float
-) -> list[int]:
+def compatible_moves(gains: NDArray[np.float64], influence: NDArray[np.bool_]) -> list[int]:
     """Choose parameters to move, the most gainful first, no two of which share an observation.
 
     `gains` (n,) by which moving each alone lowers the loss, in the unit of the loss; `influence`
@@ -146,7 +144,7 @@ def compatible_moves(
     chosen: list[int] = []
     occupied = np.zeros(len(influence), dtype=bool)
     for parameter in np.argsort(-gains, kind="stable"):
-        if gains[parameter] < least_gain:
+        if gains[parameter] < SMALLEST_SCAN_GAIN:
             break
         if not (occupied & influence[:, parameter]).any():
             chosen.append(int(parameter))

@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 from scipy.stats import binom, chi
 
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
-from intuitive_physics_learner.joint_estimation.normal_equations import OUTLIER_LENGTH, robust_loss
+from intuitive_physics_learner.joint_estimation.normal_equations import robust_loss
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
 
 LARGEST_STATE_DEVIATION = 0.3
@@ -110,7 +110,7 @@ class TrajectoryFits:
         lengths = np.linalg.norm(block.whitened(residuals), axis=3)
         lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
         counted = block.times <= self.horizons[:, None]
-        fit = (robust_loss(lengths, OUTLIER_LENGTH) * counted).sum(axis=2)
+        fit = (robust_loss(lengths) * counted).sum(axis=2)
         return fit + 0.5 * ((estimates / block.prior_deviations) ** 2).sum(axis=2)
 
     def draws(

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
     SCAN_LEVELS,
-    SMALLEST_SCAN_GAIN,
     compatible_moves,
     scanned,
 )
@@ -472,10 +471,11 @@ class JointFit:
 
     def _leave_local_optima(self, linear: Sequence[Linearisation]) -> bool:
         """Move parameters to where on their range they fit better; return whether any moved."""
-        places = SCAN_LEVELS
-        rises, state_estimates = scanned(self.model, self.estimate, linear, places, self.weights)
+        rises, state_estimates = scanned(
+            self.model, self.estimate, linear, SCAN_LEVELS, self.weights
+        )
         levels = np.argmin(rises, axis=1)
-        moves = compatible_moves(-rises.min(axis=1), self.model.task.influence, SMALLEST_SCAN_GAIN)
+        moves = compatible_moves(-rises.min(axis=1), self.model.task.influence)
         for (block, part), estimates in zip(
             self.model.parts(self.estimate), state_estimates, strict=True
         ):
@@ -483,7 +483,7 @@ class JointFit:
                 rows, columns = np.nonzero(block.parameters == parameter)
                 part.estimate[rows] = estimates[columns, levels[parameter], rows]
         unit = self.estimate.unit.copy()
-        unit[moves] = np.array(places)[levels[moves]]
+        unit[moves] = np.array(SCAN_LEVELS)[levels[moves]]
         self.estimate.unit = unit
         return bool(moves)
 

@@ -37,13 +37,21 @@ AGREEMENT_FREEDOM = 4.0
 count less; the value that is usual for robust regression (Lange, Little and Taylor 1989)."""
 
 
-def robust_loss(lengths: NDArray[np.float64], outlier_length: float) -> NDArray[np.float64]:
+def robust_loss(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return Huber's loss (...,), without a unit, of residuals.
 
     `lengths` (...,) of residuals, in standard deviations of the noise.
     """
-    linear = outlier_length * (lengths - 0.5 * outlier_length)
-    return np.where(lengths < outlier_length, 0.5 * lengths**2, linear)
+    linear = OUTLIER_LENGTH * (lengths - 0.5 * OUTLIER_LENGTH)
+    return np.where(lengths < OUTLIER_LENGTH, 0.5 * lengths**2, linear)
+
+
+def huber_weights(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the weights (...,) of residuals of those lengths in least squares of the same slope.
+
+    `lengths` (...,) of residuals, in standard deviations of the noise.
+    """
+    return OUTLIER_LENGTH / np.maximum(lengths, OUTLIER_LENGTH)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,11 +87,10 @@ class NormalEquations:
         `estimate` (W, d) deviations from the observed initial states, in SI units; `until` (W,) s,
         the last time that counts.
         """
-        outlier = OUTLIER_LENGTH
         counted = linear.valid & (block.times <= until[:, None])
         residuals = block.whitened(np.where(counted[..., None], linear.residuals, 0.0))
         lengths = np.linalg.norm(residuals, axis=2)
-        rooted = np.sqrt(np.minimum(1.0, outlier / np.maximum(lengths, outlier))) * counted
+        rooted = np.sqrt(huber_weights(lengths)) * counted
         count, k = linear.slopes.shape[:2]
         slopes = np.einsum("wpij,wkpj->wkpi", block.whitening, linear.slopes)
         weighted = slopes * rooted[:, None, :, None]

@@ -68,6 +68,27 @@ def test_forgetting_parameters_leaves_the_marginal_of_the_others():
     assert not information.pull[[1, 3]].any()
 
 
+def test_widening_adds_variances_and_keeps_correlations():
+    # Cov(u + e) = P + D for independent errors e ~ N(0, D).
+    generator = np.random.default_rng(2)
+    known = Gaussian.about(generator.uniform(size=3), random_precision(generator, 3))
+    deviations = np.array([0.0, 0.1, 0.3])
+    wider = known.widened(deviations)
+    np.testing.assert_allclose(wider.covariance, known.covariance + np.diag(deviations**2))
+    np.testing.assert_array_equal(wider.mean, known.mean)
+    nothing = Gaussian.about(np.full(3, 0.5), np.zeros((3, 3)))
+    assert not nothing.widened(deviations).precision.any()
+
+
+def test_a_weight_of_minus_one_takes_away_what_was_added():
+    generator = np.random.default_rng(4)
+    before = Gaussian.about(generator.uniform(size=3), random_precision(generator, 3))
+    summand = likelihood(generator, [0, 2], np.array([0.2, 0.7]))
+    after = before.plus([summand], [0.5]).plus([summand], [-0.5])
+    np.testing.assert_allclose(after.precision, before.precision)
+    np.testing.assert_allclose(after.mean, before.mean)
+
+
 def test_jackknife_variance_of_a_mean():
     generator = np.random.default_rng(3)
     count, sharpness = 400, 1e4

@@ -416,8 +416,11 @@ class JointFit:
         """Take the best of several damped steps, each initial state its own, and move horizons."""
         model = self.model
         estimates = [part.estimate for _, part in model.parts(self.estimate)]
-        units, states = proposals(
-            self.unit, self.prior, estimates, equations, self.weights, self._damping
+        dampings = np.clip(
+            self._damping * np.array(DAMPING_FACTORS), SMALLEST_DAMPING, LARGEST_DAMPING
+        )
+        units, states = _proposals(
+            self.unit, self.prior, estimates, equations, self.weights, dampings
         )
         candidates = [model.space.to_parameters(unit) for unit in units]
         # Each θ_s with the initial states that go with it, and with the present ones.
@@ -438,7 +441,8 @@ class JointFit:
         best = int(np.argmin(losses))
         moved = np.abs(units[best] - self.unit) / self.estimate.deviations
         self.estimate.unit = units[best]
-        self._damping = next_damping(self._damping, best)
+        # Where no step was better, the next ones are damped most.
+        self._damping = float(dampings[best - 1])
         advanced = self._take_states(np.flatnonzero(index == best), tried, goals)
         settled = moved.max() < SETTLED_MOVE and not advanced
         self._settled = self._settled + 1 if settled else 0
@@ -488,41 +492,23 @@ class JointFit:
         return bool(moves)
 
 
-def next_damping(damping: float, chosen: int) -> float:
-    """Return the damping of the next step after the proposal of that index was the best."""
-    factors = DAMPING_FACTORS
-    factor = factors[chosen - 1] if chosen > 0 else factors[-1]
-    return _clipped_damping(damping * factor)
-
-
-def proposals(
+def _proposals(
     unit: NDArray[np.float64],
     prior: Gaussian,
     estimates: Sequence[NDArray[np.float64]],
     equations: Sequence[NormalEquations],
     weights: NDArray[np.float64],
-    damping: float,
+    dampings: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
-    """Propose θ_s and initial states, at several dampings.
-
-    `unit` (n,) the present θ_s on the unit cube; `estimates` (W, d) of each block, deviations from
-    the observed initial states, in SI units; `weights` (n_observations,) of the observations.
-    Returns `units` (c, n) points of the cube, the present one first; `states` (c, W, d) of each
-    block, deviations from the observed initial states, in SI units, that go with them.
-    """
+    """Return θ_s (c, n), the present one first, and the initial states (c, W, d) of each block."""
     units = [unit]
     states = [[estimate] for estimate in estimates]
-    for factor in DAMPING_FACTORS:
-        step_damping = _clipped_damping(damping * factor)
-        eliminated = [each.eliminated(step_damping) for each in equations]
+    for damping in dampings.tolist():
+        eliminated = [each.eliminated(damping) for each in equations]
         information, scores = reduced_equations(prior, unit, eliminated, weights)
-        step = bounded_step(unit, information, scores, step_damping)
+        step = bounded_step(unit, information, scores, damping)
         step = np.clip(step, -LARGEST_MOVE, LARGEST_MOVE)
         units.append(unit + step)
         for block_states, each in zip(states, eliminated, strict=True):
             block_states.append(block_states[0] + each.state_steps(step))
     return np.array(units), [np.array(block_states) for block_states in states]
-
-
-def _clipped_damping(damping: float) -> float:
-    return float(np.clip(damping, SMALLEST_DAMPING, LARGEST_DAMPING))

@@ -1,9 +1,9 @@
 """Gaussian knowledge of parameters, to which observations and bounds are added.
 
-With the mean m and the precision Λ = P⁻¹ (P: covariance), the negative logarithm of the density is
-½ (u - m)ᵀ Λ (u - m) but for a constant. It is kept in information form, as Λ and the pull y = Λ m:
-so independent knowledge adds up, and knowing nothing is Λ = 0. An observation whose negative log
-likelihood near û is gᵀ (u - û) + ½ (u - û)ᵀ Λ_i (u - û) adds Λ_i to Λ and Λ_i û - g to y.
+With the mean m and the precision Y = P⁻¹ (P: covariance), the negative logarithm of the density is
+½ (u - m)ᵀ Y (u - m) but for a constant. It is kept in information form, as Y and the pull y = Y m:
+so independent knowledge adds up, and knowing nothing is Y = 0. An observation whose negative log
+likelihood near û is gᵀ (u - û) + ½ (u - û)ᵀ Λ_i (u - û) adds Λ_i to Y and Λ_i û - g to y.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ class Gaussian:
 
     Parameters
     ----------
-    precision : (n, n) Λ, per width²; singular where nothing is known
+    precision : (n, n) Y, per width²; singular where nothing is known
     pull : (n,) y, per width
-    stated_mean : (n,) m where it was given, which Λ⁻¹ y is but for rounding; None: it was not
+    stated_mean : (n,) m where it was given, which Y⁻¹ y is but for rounding; None: it was not
     """
 
     precision: NDArray[np.float64]
@@ -95,7 +95,7 @@ class Gaussian:
 
     @cached_property
     def mean(self) -> NDArray[np.float64]:
-        """m (n,), which may lie outside the cube; if none was given, Λ must have an inverse."""
+        """m (n,), which may lie outside the cube; if none was given, Y must have an inverse."""
         if self.stated_mean is not None:
             return self.stated_mean
         return np.asarray(np.linalg.solve(self.precision, self.pull))
@@ -156,8 +156,8 @@ class Gaussian:
     def widened(self, deviations: NDArray[np.float64]) -> Gaussian:
         """Add independent errors to the parameters, of standard deviations (n,), in widths.
 
-        With D diagonal of their squares, (Λ⁻¹ + D)⁻¹ is Λ - Λ D^½ (1 + D^½ Λ D^½)⁻¹ D^½ Λ, which
-        needs no inverse of Λ. The mean must have been given.
+        With D diagonal of their squares, (Y⁻¹ + D)⁻¹ is Y - Y D^½ (1 + D^½ Y D^½)⁻¹ D^½ Y, which
+        needs no inverse of Y. The mean must have been given.
         """
         across = self.precision * deviations
         inner = np.eye(deviations.size) + deviations[:, None] * across

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
     SMALLEST_SCAN_GAIN,
-    ScanCandidates,
     compatible_moves,
+    scan_candidates,
     scanned_states,
 )
 from intuitive_physics_learner.joint_estimation.fit_horizons import TrajectoryFits
@@ -32,17 +32,17 @@ LEVELS = np.array([0.1, 0.5, 0.9])
 def candidates_of(task):
     influence = task.influence[:, task.active]
     levels = np.tile(LEVELS, (task.begin.size, 1))
-    return ScanCandidates(task.begin, separate_groups(influence), task.searched, levels)
+    return scan_candidates(task.begin, separate_groups(influence), task.searched, levels)
 
 
 def test_each_candidate_moves_one_parameter(gliding_task):
     task = gliding_task([0.5, 0.7])
-    candidates = candidates_of(task)
+    candidates, index = candidates_of(task)
     # All four parameters share both observations: no two move together.
-    assert len(candidates.parameters) == 4 * LEVELS.size
+    assert len(candidates) == 4 * LEVELS.size
     for parameter in range(4):
         for k, level in enumerate(LEVELS):
-            moved = task.searched.to_unit(candidates.parameters[candidates.index[parameter, k]])
+            moved = task.searched.to_unit(candidates[index[parameter, k]])
             assert moved[parameter] == pytest.approx(level)
             if parameter != 3:
                 assert moved[3] == task.begin[3]
@@ -61,7 +61,7 @@ def test_initial_states_are_the_ridge_regression_of_each_level(gliding_task):
     )
     until = fits.horizons
     linear = linearise(task.cost, block, fits.estimate, fits.deviations, steps, until)
-    estimates, residuals = scanned_states(task.cost, block, fits, linear, candidates_of(task))
+    estimates, residuals = scanned_states(task.cost, block, fits, linear, *candidates_of(task))
     estimates = estimates.reshape(4, LEVELS.size, 2, 3)
     residuals = residuals.reshape(4, LEVELS.size, 2, -1, 3)
     prior = PRIOR_WIDENING * deviation

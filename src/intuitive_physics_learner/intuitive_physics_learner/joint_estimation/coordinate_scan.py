@@ -33,35 +33,27 @@ SMALLEST_SCAN_GAIN = 3.0
 """Loss that a scanned value must gain to be taken: a likelihood ratio of e³ ≈ 20, hardly chance."""
 
 
-class ScanCandidates:
-    """θ_s in which the parameters of a group take one of their levels, the others stay.
+def scan_candidates(
+    unit: NDArray[np.float64],
+    groups: Sequence[NDArray[np.int64]],
+    space: SearchSpace,
+    levels: NDArray[np.float64],
+) -> tuple[list[StaticParameters], NDArray[np.int64]]:
+    """Return θ_s in which the parameters of a group take one of their levels, the others stay.
 
     `unit` (n,) the estimate on the unit cube; `groups` (n_members,) each, indices of parameters,
     as `separate_groups`; `levels` (n, n_levels) places on the unit interval of each parameter.
-
-    Attributes
-    ----------
-    levels : (n, n_levels) as given
-    parameters : the candidates
-    index : (n, n_levels) index of the candidate that gives each parameter each level
+    Returns the candidates, and (n, n_levels) index of the one that gives each parameter each level.
     """
-
-    def __init__(
-        self,
-        unit: NDArray[np.float64],
-        groups: Sequence[NDArray[np.int64]],
-        space: SearchSpace,
-        levels: NDArray[np.float64],
-    ) -> None:
-        self.levels = levels
-        self.parameters: list[StaticParameters] = []
-        self.index = np.zeros(self.levels.shape, dtype=np.int64)
-        for group in groups:
-            for k in range(self.levels.shape[1]):
-                self.index[group, k] = len(self.parameters)
-                moved = unit.copy()
-                moved[group] = self.levels[group, k]
-                self.parameters.append(space.to_parameters(moved))
+    candidates: list[StaticParameters] = []
+    index = np.zeros(levels.shape, dtype=np.int64)
+    for group in groups:
+        for k in range(levels.shape[1]):
+            index[group, k] = len(candidates)
+            moved = unit.copy()
+            moved[group] = levels[group, k]
+            candidates.append(space.to_parameters(moved))
+    return candidates, index
 
 
 def scanned_states(
@@ -69,19 +61,20 @@ def scanned_states(
     block: ObservationBlock,
     fits: TrajectoryFits,
     linear: Linearisation,
-    candidates: ScanCandidates,
+    candidates: Sequence[StaticParameters],
+    index: NDArray[np.int64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Fit the initial states of a block to each level of each of its parameters.
 
-    Returns `estimates` (q * n_levels, W, d) deviations from the observed initial states, in SI
-    units, the levels of one parameter after those of the other; `residuals` (q * n_levels, W, P, 3)
-    m.
+    `index` (n, n_levels) of the candidate that gives each parameter each level. Returns `estimates`
+    (q * n_levels, W, d) deviations from the observed initial states, in SI units, the levels of one
+    parameter after those of the other; `residuals` (q * n_levels, W, P, 3) m.
     """
     estimate, until = fits.estimate, fits.horizons
     count, d = estimate.shape
-    index = candidates.index[block.parameters].reshape(count, -1).T
+    index = index[block.parameters].reshape(count, -1).T
     tried = np.broadcast_to(estimate, (len(index), count, d))
-    residuals = residuals_at(cost, block, tried, candidates.parameters, index, until)
+    residuals = residuals_at(cost, block, tried, candidates, index, until)
     at_estimate = replace(linear, slopes=linear.slopes[:, :d])
     inner = NormalEquations.of(block, estimate, at_estimate, until).hessian
     slopes = np.einsum("wpij,wkpj->wkpi", block.whitening, at_estimate.slopes)
@@ -97,7 +90,7 @@ def scanned_states(
         weights = huber_weights(np.linalg.norm(left, axis=2))
         target = (left * weights[..., None]).reshape(count, -1, 1)
         estimates[k] = estimate - (gains @ target)[..., 0] - shrinking
-    return estimates, residuals_at(cost, block, estimates, candidates.parameters, index, until)
+    return estimates, residuals_at(cost, block, estimates, candidates, index, until)
 
 
 def scanned(
@@ -116,13 +109,13 @@ def scanned(
     SI units, fitted to the levels.
     """
     each = np.broadcast_to(levels, (estimate.unit.size, np.shape(levels)[-1]))
-    candidates = ScanCandidates(estimate.unit, model.groups, model.space, each)
+    candidates, index = scan_candidates(estimate.unit, model.groups, model.space, each)
     away = each - estimate.unit[:, None]
     rises = model.prior.scores(estimate.unit)[:, None] * away
     rises += 0.5 * np.diag(model.prior.precision)[:, None] * away**2
     fitted = []
     for (block, part), slopes in zip(model.parts(estimate), linear, strict=True):
-        states, residuals = scanned_states(model.cost, block, part, slopes, candidates)
+        states, residuals = scanned_states(model.cost, block, part, slopes, candidates, index)
         model.count(block, part.horizons, 2 * len(states))
         parameters = block.parameters.shape[1]
         present = part.estimate[None], slopes.residuals[None]

@@ -24,7 +24,6 @@ need they be bound by slopes.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -205,20 +204,6 @@ def one_sided_moves(
     return np.where(one_sided[:, None], moves, 0.0), ends
 
 
-@dataclass(frozen=True, eq=False)
-class Half:
-    """Result of a fit to half of the observations.
-
-    Parameters
-    ----------
-    unit : (n,) its estimate on the unit cube
-    deviations : (n,) widths, standard deviation of each parameter by its slopes
-    """
-
-    unit: NDArray[np.float64]
-    deviations: NDArray[np.float64]
-
-
 def halves(influence: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     """Part observations so that each half has about as many that depend on each parameter.
 
@@ -238,27 +223,27 @@ def halves(influence: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
 def agreed_deviations(
     unit: NDArray[np.float64],
     deviations: NDArray[np.float64],
-    halves: tuple[Half, Half],
+    halves: tuple[Gaussian, Gaussian],
     families: Sequence[NDArray[np.int64]],
     free: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Standard deviations (n,), in widths, with which both halves agree.
 
     `unit` (n,) the estimate from all observations, on the unit cube; `deviations` (n,) widths,
-    standard deviation of each parameter by slopes; `families` (n_members,) each, indices of
-    parameters that are likely to err alike, each parameter in one; `free` (n, 2) widths, how far
-    parameters that are bound to one side only can be moved down and up, 0 for others; None: all are
-    bound to both.
+    standard deviation of each parameter by slopes; `halves` what each half says by slopes;
+    `families` (n_members,) each, indices of parameters that are likely to err alike, each parameter
+    in one; `free` (n, 2) widths, how far parameters that are bound to one side only can be moved
+    down and up, 0 for others; None: all are bound to both.
     """
     free = np.zeros((unit.size, 2)) if free is None else free
     low, high = unit - free[:, 0], unit + free[:, 1]
-    apart = np.array([(half.unit - np.clip(half.unit, low, high)) ** 2 for half in halves])
+    apart = np.array([(half.mean - np.clip(half.mean, low, high)) ** 2 for half in halves])
     variances = np.array([half.deviations for half in halves]) ** 2
     informative = variances < LARGEST_DEVIATION**2
     ratios = np.sqrt(_mean(apart / (0.5 * variances), informative))
     # Slopes of a half that lies where the loss is flat say nothing of the end.
     pooled = np.where(free.any(axis=1), 0.0, (1.0 / variances).sum(axis=0) ** -0.5)
-    factors = _family_factors(ratios, families, FAMILY_WEIGHT)
+    factors = _family_factors(ratios, families)
     agreed = np.maximum(deviations * factors, pooled)
     scatter = np.sqrt(_mean(apart, informative))
     beyond_chance = ratios > LARGEST_CHANCE_RATIO
@@ -273,7 +258,7 @@ def _mean(values: NDArray[np.float64], counted: NDArray[np.bool_]) -> NDArray[np
 
 
 def _family_factors(
-    ratios: NDArray[np.float64], families: Sequence[NDArray[np.int64]], weight: float
+    ratios: NDArray[np.float64], families: Sequence[NDArray[np.int64]]
 ) -> NDArray[np.float64]:
     """Factors (n,) of at least one from ratios (n,), NaN where no half is informative."""
     finite = np.isfinite(ratios)
@@ -283,8 +268,8 @@ def _family_factors(
     typical = max(float(np.median(ratios[finite])) / NORMAL_MEDIAN, 1.0)
     for family in families:
         family_ratios = ratios[family][finite[family]]
-        square = (np.sum(family_ratios**2) + weight * typical**2) / (family_ratios.size + weight)
-        factors[family] = max(np.sqrt(square), 1.0)
+        total = np.sum(family_ratios**2) + FAMILY_WEIGHT * typical**2
+        factors[family] = max(np.sqrt(total / (family_ratios.size + FAMILY_WEIGHT)), 1.0)
     return factors
 
 
@@ -308,7 +293,7 @@ def _agreed(
             if not part.settled and not (part.steps and out_of_time()):
                 part.step()
     joints = [part.joint for part in fits]
-    first, second = (Half(joint.unit, curvature_posterior(joint).deviations) for joint in joints)
+    first, second = (curvature_posterior(joint) for joint in joints)
     families = _families(task.searched.names)
     return agreed_deviations(fit.unit, deviations, (first, second), families, free)
 

@@ -213,9 +213,9 @@ def reduced_equations(
     eliminations: Sequence[Elimination],
     weights: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Add up what the prior and all observations say of θ_s at a point (n,) of the unit cube.
+    """Add up what the prior and all observations say of θ_s, at a point of the unit cube.
 
-    `weights` (n_observations,) of the observations. Returns `information` (n, n), per width²;
+    `unit` (n,) that point; `weights` (n_observations,) of the observations. Returns `information` (n, n), per width²;
     `scores` (n,) per width, the gradient of the loss.
     """
     information, scores = prior.precision.copy(), prior.scores(unit)
@@ -233,9 +233,9 @@ def joint_posterior(
     eliminations: Sequence[Elimination],
     weights: NDArray[np.float64],
 ) -> Gaussian:
-    """Return the posterior of θ_s by equations at a point (n,) of the unit cube.
+    """Return the posterior of θ_s by equations at a point of the unit cube.
 
-    `weights` (n_observations,) of the observations.
+    `unit` (n,) that point; `weights` (n_observations,) of the observations.
     """
     information, scores = reduced_equations(prior, unit, eliminations, weights)
     return Gaussian(information, information @ unit - scores)

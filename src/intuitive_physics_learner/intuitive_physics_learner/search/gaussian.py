@@ -119,7 +119,10 @@ class Gaussian:
         return 0.5 * np.einsum("ci,ij,cj->c", off, self.precision, off)
 
     def scores(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the gradient (n,) of the loss, per width, at a point (n,) of the unit cube."""
+        """Return the gradient (n,) of the loss, per width.
+
+        `unit` (n,) point of the unit cube.
+        """
         if self.stated_mean is not None:
             return self.precision @ (unit - self.stated_mean)
         return self.precision @ unit - self.pull

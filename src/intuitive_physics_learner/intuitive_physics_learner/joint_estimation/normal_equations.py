@@ -36,6 +36,9 @@ AGREEMENT_FREEDOM = 4.0
 """Degrees of freedom of Student's distribution by which observations that contradict all others
 count less; the value that is usual for robust regression (Lange, Little and Taylor 1989)."""
 
+NEGLIGIBLE = 1e-7
+"""Part of the largest eigenvalue of a covariance below which one counts as rounding."""
+
 
 def robust_loss(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return Huber's loss (...,), without a unit, of residuals.
@@ -203,10 +206,6 @@ class Elimination:
         return -self.offsets - (self.gains @ steps)[..., 0]
 
 
-NEGLIGIBLE = 1e-7
-"""Part of the largest eigenvalue of a covariance below which one counts as rounding."""
-
-
 def reduced_equations(
     prior: Gaussian,
     unit: NDArray[np.float64],
@@ -215,8 +214,8 @@ def reduced_equations(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Add up what the prior and all observations say of θ_s, at a point of the unit cube.
 
-    `unit` (n,) that point; `weights` (n_observations,) of the observations. Returns `information` (n, n), per width²;
-    `scores` (n,) per width, the gradient of the loss.
+    `unit` (n,) that point; `weights` (n_observations,) of the observations. Returns `information`
+    (n, n), per width²; `scores` (n,) per width, the gradient of the loss.
     """
     information, scores = prior.precision.copy(), prior.scores(unit)
     for part in eliminations:

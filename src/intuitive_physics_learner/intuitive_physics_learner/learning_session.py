@@ -51,8 +51,9 @@ from intuitive_physics_learner.search.convergence import (
     SearchResult,
     StopReason,
 )
+from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.identifiability import Identifiability
-from intuitive_physics_learner.search.learning_task import GaussianPrior, LearningTask
+from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.store.observation_entries import Assessment
 
@@ -285,7 +286,7 @@ def _begin(
     return previous, replace(task, knowledge=prior)
 
 
-def _given_prior(task: LearningTask, given: GivenKnowledge) -> GaussianPrior | None:
+def _given_prior(task: LearningTask, given: GivenKnowledge) -> Gaussian | None:
     """Return what a user gave of the active parameters; None where that is nothing."""
     space, prior = task.space, given.prior
     check_within_bounds(task.start, given.fixed, space.bounds)
@@ -298,7 +299,7 @@ def _given_prior(task: LearningTask, given: GivenKnowledge) -> GaussianPrior | N
     precision = prior.information + UNIFORM_PRECISION * np.eye(space.size)
     covariance = np.linalg.inv(precision)[np.ix_(active, active)]
     mean = np.where(with_prior[active], prior.mean[active], task.begin)
-    return GaussianPrior(mean, np.linalg.inv(covariance))
+    return Gaussian.about(mean, np.linalg.inv(covariance))
 
 
 def _identity(

@@ -15,7 +15,6 @@ from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, Traj
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation import JointSearch
 from intuitive_physics_learner.joint_estimation.joint_identifiability import (
-    Half,
     agreed_deviations,
     halves,
     joint_identifiability,
@@ -30,6 +29,7 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
 from intuitive_physics_learner.joint_estimation.point_noise import position_noise
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.methods import JOINT_METHOD
+from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import LearningTask
 
 MATERIALS = ("ball", "floor")
@@ -246,7 +246,8 @@ def test_judges_in_little_time_where_little_is_left(event_driven, throws):
 
     def judged(seconds_left):
         before = cost.trials
-        stated = joint_identifiability(fit, fit.choose(), task, seconds_left)
+        fit.choose()
+        stated = joint_identifiability(fit, task, seconds_left)
         return stated, cost.trials - before
 
     at_leisure, many = judged(lambda: np.inf)
@@ -262,7 +263,7 @@ FAMILIES = [np.array([0, 1]), np.array([2, 3])]
 
 
 def half(unit, deviation=0.01):
-    return Half(np.array(unit), np.full(4, deviation))
+    return Gaussian.about(np.array(unit), np.eye(4) * deviation**-2)
 
 
 def test_agreeing_halves_widen_nothing_and_others_do():

@@ -189,9 +189,9 @@ def learn(
     )
     spins = previous.initial_spins.updated(search.initial_spins())
     learned = replace(learned, initial_spins=spins)
-    assessments, beyond = assessed.assessments, search.lengths_beyond()
-    if beyond is not None:
-        assessments = reassessed(assessments, *beyond, trusted=options.trusted_ids)
+    assessments, misfits = assessed.assessments, search.undisturbed_misfits(simulator)
+    if misfits is not None:
+        assessments = reassessed(assessments, *misfits, trusted=options.trusted_ids)
     return LearningResult(learned, outcome, assessments or None)
 
 

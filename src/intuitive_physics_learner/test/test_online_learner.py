@@ -203,7 +203,7 @@ def test_what_is_published_forgets_with_the_time_constant(glide, gliding):
     # another restitution is nearly all that is known, and three more predict by it. No change is
     # looked for.
     generator = np.random.default_rng(14)
-    options = OnlineOptions(window=24, time_constant=100.0, false_alarm_rate=1e-12)
+    options = OnlineOptions(window=24, time_constant=100.0, false_alarm_rate=0.0)
     learner = OnlineLearner(glide, options)
     published = [
         restitution(learner.learn_from(later(gliding(generator, e), 1000.0 * k)))[0]

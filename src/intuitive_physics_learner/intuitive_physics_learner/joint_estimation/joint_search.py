@@ -11,11 +11,16 @@ from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
+from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.joint_estimation.cost_descent import CostDescent
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.joint_identifiability import joint_identifiability
 from intuitive_physics_learner.joint_estimation.several_starts import STARTS, drawn_starts
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
+from intuitive_physics_learner.joint_estimation.undisturbed_motion import (
+    SIMULATIONS,
+    undisturbed_misfits,
+)
 from intuitive_physics_learner.search.identifiability import Identifiability
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.parameter_search import Search
@@ -136,7 +141,7 @@ class JointSearch(Search):
         model, estimate = self.fit.model, self.fit.estimate
         judged = self._staged.best_simulations + 2 * model.curvature_simulations(estimate)
         judged += model.move_simulations(estimate) + self._staged.choice_simulations
-        judged += self.fit.beyond_simulations
+        judged += SIMULATIONS * len(self._cost.observations)
         if task.start_was_learned:
             judged += self.fit.held_simulations
         simulated = self._staged.simulations + self._evaluations * len(task.influence)
@@ -146,19 +151,21 @@ class JointSearch(Search):
         """From the posterior of each initial spin; unknown where J was lowered instead."""
         return InitialSpins() if self.lowers_cost else self.fit.spin_evidence().initial_spins()
 
-    def lengths_beyond(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Return what `JointFit.lengths_beyond` does.
+    def undisturbed_misfits(
+        self, simulator: Simulator
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Return what `undisturbed_misfits` does.
 
         Returns
         -------
-        lengths : (n_observations,) σ
+        misfits : (n_observations,) loss per point
         times : (n_observations,) s
 
         None where J itself is lowered or nothing was fitted.
         """
         if self.lowers_cost or not self._staged.steps:
             return None
-        return self.fit.lengths_beyond(self._generator)
+        return undisturbed_misfits(self.fit, simulator, self._generator)
 
     def own_state(self) -> dict[str, Any]:
         return {

@@ -219,11 +219,11 @@ def test_probabilities_are_probabilities_and_fall_with_p(log_ps):
     assert (np.diff(probabilities[np.argsort(log_ps)]) >= 0.0).all()
 
 
-def judged(lengths):
-    used = [Assessment(str(i), 1.0) for i in range(len(lengths))]
+def judged(misfits):
+    used = [Assessment(str(i), 1.0) for i in range(len(misfits))]
     return [
         assessment.status == "doubtful"
-        for assessment in reassessed(used, np.array(lengths), np.full(len(lengths), 1.0))
+        for assessment in reassessed(used, np.array(misfits), np.full(len(misfits), 1.0))
     ]
 
 

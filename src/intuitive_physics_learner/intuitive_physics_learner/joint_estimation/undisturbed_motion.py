@@ -33,9 +33,9 @@ from intuitive_physics_learner.joint_estimation.normal_equations import OUTLIER_
 MOTIONS = (64, 256)
 """Motions that are followed: first of all observations, then of those with a notable misfit."""
 
-SIMULATIONS = 2 * (MOTIONS[0] + MOTIONS[1] // 4)
-"""Simulations of a whole observation that take as long as following its motions, about: a quarter
-of them has a notable misfit, and orientations and jumps take as long again."""
+SIMULATIONS = 200
+"""Simulations of whole observations in a search that take as long as following the motions of one,
+about: 20 for balls, 150 for capsules, 400 for tumbling boxes, on sets of 40 throws."""
 
 NOTABLE_MISFIT = 4.0
 """Loss per point of a segment above which more motions are followed: six points of noise exceed

@@ -35,7 +35,7 @@ MOTIONS = (64, 256)
 
 SIMULATIONS = 200
 """Simulations of whole observations in a search that take as long as following the motions of one,
-about: 20 for balls, 150 for capsules, 400 for tumbling boxes, on sets of 40 throws."""
+about: 50 for balls, 130 for capsules, 330 for tumbling boxes, on sets of 40 throws."""
 
 NOTABLE_MISFIT = 4.0
 """Loss per point of a segment above which more motions are followed: six points of noise exceed

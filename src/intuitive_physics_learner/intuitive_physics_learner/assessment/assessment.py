@@ -33,7 +33,6 @@ from intuitive_physics_learner.assessment.motion_laws import (
     flight_violation,
     jump_violation,
     rest_violation,
-    start_violation,
 )
 from intuitive_physics_learner.assessment.reasons import Reason
 from intuitive_physics_learner.assessment.tracks import Track, tracks_of
@@ -190,7 +189,7 @@ def _cut(observed: ObservedObject, until: float, start: float) -> ObservedObject
 
 
 def _violations(tracks: Sequence[Track]) -> list[Violation]:
-    laws = (jump_violation, flight_violation, rest_violation, start_violation)
+    laws = (jump_violation, flight_violation, rest_violation)
     violations = [law(track) for track in tracks for law in laws]
     return [violation for violation in violations if violation is not None]
 

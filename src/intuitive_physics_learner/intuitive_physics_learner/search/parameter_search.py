@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cancellation import LARGEST_BATCH
 from intuitive_physics_learner.search.convergence import (
     ConvergenceCriteria,
@@ -159,17 +158,6 @@ class Search(ABC):
             return 0.0
         trials = identification_trials(task.influence)
         return seconds * trials / (self.iterations * len(task.influence))
-
-    def undisturbed_misfits(
-        self, simulator: Simulator
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Return how far each observation is from undisturbed motions beyond where its fit stops.
-
-        Returns `misfits` (n_observations,) loss per point where it is farthest; NaN where a fit
-        does not stop; `times` (n_observations,) s after the start, where that is. None where the
-        search fits no trajectories.
-        """
-        return None
 
     def state_dict(self) -> dict[str, Any]:
         """Plain data from which a search over the same space and cost continues exactly."""

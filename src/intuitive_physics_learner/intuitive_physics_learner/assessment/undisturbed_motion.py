@@ -33,10 +33,6 @@ from intuitive_physics_learner.joint_estimation.normal_equations import OUTLIER_
 MOTIONS = (64, 256)
 """Motions that are followed: first of all observations, then of those with a notable misfit."""
 
-SIMULATIONS = 200
-"""Simulations of whole observations in a search that take as long as following the motions of one,
-about: 50 for balls, 130 for capsules, 330 for tumbling boxes, on sets of 40 throws."""
-
 NOTABLE_MISFIT = 4.0
 """Loss per point of a segment above which more motions are followed: six points of noise exceed
 it, 1.5 on the average, with a probability of 1e-4."""

@@ -29,6 +29,7 @@ from intuitive_physics_learner.assessment import (
     assess_observations,
     reassessed,
 )
+from intuitive_physics_learner.assessment.undisturbed_motion import undisturbed_misfits
 from intuitive_physics_learner.cost.cost_function import (
     Cost,
     InterruptibleCost,
@@ -38,6 +39,7 @@ from intuitive_physics_learner.cost.cost_function import (
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
 from intuitive_physics_learner.given_parameters import check_within_bounds
+from intuitive_physics_learner.joint_estimation.joint_search import JointSearch
 from intuitive_physics_learner.joint_estimation.point_noise import detected
 from intuitive_physics_learner.methods import (
     DEFAULT_METHOD,
@@ -190,9 +192,11 @@ def learn(
     )
     spins = previous.initial_spins.updated(search.initial_spins())
     learned = replace(learned, initial_spins=spins)
-    assessments, beyond = assessed.assessments, search.lengths_beyond()
-    if beyond is not None:
-        assessments = reassessed(assessments, *beyond, trusted=options.trusted_ids)
+    assessments = assessed.assessments
+    if isinstance(search, JointSearch) and search.fits_trajectories:
+        generator = np.random.default_rng([options.seed, 1])
+        misfits = undisturbed_misfits(search.fit, simulator, generator)
+        assessments = reassessed(assessments, *misfits, trusted=options.trusted_ids)
     return LearningResult(learned, outcome, assessments or None)
 
 

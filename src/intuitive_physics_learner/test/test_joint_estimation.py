@@ -75,24 +75,6 @@ def test_noisy_initial_states_do_not_bias(event_driven, throws, true_parameters)
     assert not learned.identified[names == "restitution[ball, ball]"].any()
 
 
-def test_only_a_kicked_ball_is_beyond_undisturbed_motions(event_driven, throws):
-    observed = throws(8, 5, NOISE, STATE_NOISE)
-    (ball,) = observed[3].objects
-    times, positions = ball.trajectory.times, ball.trajectory.positions.copy()
-    kick = observed[3].start_time + 0.6 * (times[-1] - observed[3].start_time)
-    positions[:, 0] += 1.5 * np.maximum(times - kick, 0.0)
-    observed[3] = replace(
-        observed[3], objects=(replace(ball, trajectory=Trajectory(times, positions)),)
-    )
-    search = joint_search(observed, event_driven)
-    for _ in range(30):
-        search.step(1000)
-    lengths, after = search.lengths_beyond()
-    assert lengths[3] > 10.0
-    assert after[3] > kick - observed[3].start_time - 0.3
-    assert (np.nan_to_num(np.delete(lengths, 3)) < 4.0).all()
-
-
 def test_short_search_keeps_a_better_start(event_driven, throws, true_parameters):
     observed = throws(8, 5, NOISE, STATE_NOISE)
     search = joint_search(observed, event_driven)

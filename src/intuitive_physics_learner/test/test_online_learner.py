@@ -206,7 +206,7 @@ def test_what_is_published_forgets_with_the_time_constant(glide, gliding):
     # another restitution is nearly all that is known, and three more predict by it. No change is
     # looked for.
     generator = np.random.default_rng(14)
-    options = OnlineOptions(window=24, time_constant=100.0, false_alarm_rate=1e-12)
+    options = OnlineOptions(window=24, time_constant=100.0, false_alarm_rate=0.0)
     learner = OnlineLearner(glide, options)
     published = [
         restitution(learner.learn_from(later(gliding(generator, e), 1000.0 * k)))[0]
@@ -215,6 +215,20 @@ def test_what_is_published_forgets_with_the_time_constant(glide, gliding):
     assert published[7] == pytest.approx(0.8, abs=0.02)
     assert published[12:] == pytest.approx(4 * [0.6], abs=0.02)
     assert len(learner.state.kept) == len(learner.kept_observations) == 1
+
+
+def test_a_change_is_followed_by_forgetting_alone(glide, gliding):
+    # Ten observations to a time constant: of 15 before the change 10 (1 - e⁻¹·⁵) = 7.8 are
+    # remembered, and 7.8 e^(-n/10) < 10 (1 - e^(-n/10)) from the sixth after it on.
+    generator = np.random.default_rng(15)
+    options = OnlineOptions(window=24, time_constant=100.0, false_alarm_rate=0.0)
+    learner = OnlineLearner(glide, options)
+    published = [
+        restitution(learner.learn_from(later(gliding(generator, e), 10.0 * k)))[0]
+        for k, e in enumerate(15 * [0.8] + 8 * [0.6])
+    ]
+    assert published[:18] == pytest.approx(18 * [0.8], abs=0.02)
+    assert published[21:] == pytest.approx(2 * [0.6], abs=0.02)
 
 
 def test_a_floor_that_was_waxed_is_noticed(event_driven, gliding, glide):

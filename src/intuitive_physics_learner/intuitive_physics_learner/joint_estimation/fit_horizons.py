@@ -247,31 +247,3 @@ def misfit_starts(
     begins = np.take_along_axis(np.where(inside, block.times, np.inf), order, axis=1)
     failing = medians > misfit_length(window, order.shape[1], MISFIT_FALSE_ALARM)
     return np.where(failing, begins[:, : medians.shape[1]], np.inf).min(axis=1)
-
-
-def lengths_beyond(
-    block: ObservationBlock,
-    residuals: NDArray[np.float64],
-    horizons: NDArray[np.float64],
-    ends: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return how far observations are from a motion just beyond their horizons.
-
-    `residuals` (W, P, 3) m, of that motion; `horizons` (W,) s; `ends` (W,) s, up to which points
-    count. Returns `lengths` (W,) σ, the largest median length of neighbouring residuals; NaN where
-    a horizon includes all points; `times` (W,) s, at which these neighbours begin.
-    """
-    beyond = (block.times > horizons[:, None]) & (block.times <= ends[:, None])
-    lengths = np.linalg.norm(block.whitened(residuals), axis=2)
-    lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
-    distances, times = np.full((2, len(horizons)), np.nan)
-    for row in np.flatnonzero(beyond.any(axis=1)):
-        inside = np.flatnonzero(beyond[row])
-        inside = inside[np.argsort(block.times[row, inside], kind="stable")]
-        window = min(MISFIT_POINTS, inside.size)
-        medians = np.median(
-            np.lib.stride_tricks.sliding_window_view(lengths[row, inside], window), axis=1
-        )
-        worst = int(np.argmax(medians))
-        distances[row], times[row] = medians[worst], block.times[row, inside[worst]]
-    return distances, times

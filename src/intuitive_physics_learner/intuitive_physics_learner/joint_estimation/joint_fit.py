@@ -15,10 +15,7 @@ from intuitive_physics_learner.joint_estimation.coordinate_scan import (
     compatible_moves,
     scanned,
 )
-from intuitive_physics_learner.joint_estimation.fit_horizons import (
-    advanced_horizons,
-    lengths_beyond,
-)
+from intuitive_physics_learner.joint_estimation.fit_horizons import advanced_horizons
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     Elimination,
@@ -75,15 +72,6 @@ SETTLED_STEPS = 2
 
 SMALLEST_RESPONSE = 1e-9
 """m per width of a parameter; a slope below this is rounding."""
-
-SECONDS_BEYOND = 1.0
-"""Time beyond its horizon up to which an observation is compared with undisturbed motions, s: set
-by hand. A horizon retreats to 0.3 s before a disturbance, and what a hand carries off is far away
-half a second later; 1.5 s found the same throws of seven sets."""
-
-DRAWS_BEYOND = 64
-"""Undisturbed motions with which it is compared; 512 found no more of 56 disturbed throws of
-boxes."""
 
 HELD_PRECISION = 1e12
 """Per width², of a parameter that is held: it moves by rounding alone."""
@@ -165,11 +153,6 @@ class JointFit:
         each = self.model.simulations / max(self.steps, 1)
         return 3 * (HELD_STEPS + 1) * each
 
-    @property
-    def beyond_simulations(self) -> int:
-        """Simulations of single observations that `lengths_beyond` takes."""
-        return DRAWS_BEYOND * len(self.model.cost.observations)
-
     def likelihoods(self, *, look_for_spins: bool = False) -> list[LocalLikelihood]:
         """Return the likelihood of θ_s near the estimate, of each observation."""
         likelihoods = self.model.likelihoods(self.estimate, self.weights)
@@ -200,38 +183,23 @@ class JointFit:
         }
         return [fits[member] for member in range(len(fits))]
 
-    def lengths_beyond(
-        self, generator: np.random.Generator
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return how far observations are from all undisturbed motions just beyond their horizons.
+    def state_draws(self, generator: np.random.Generator, count: int) -> NDArray[np.float64]:
+        """Draw initial states from their posterior by the points up to the fit horizons.
 
-        Where motion is chaotic, that of the estimate may soon be another one than what was
-        observed. So initial states are drawn from their posterior, by the points up to the horizon,
-        and of each observation the draw counts that explains most.
-
-        Returns `lengths` (n_observations,) σ, as `fit_horizons.lengths_beyond`; `times`
-        (n_observations,) s, where that is.
+        Returns (n_observations, count, objects, 13) in SI units, as `ObjectState.to_vector`; the
+        first of each is the estimate.
         """
         model, estimate = self.model, self.estimate
-        linear = model.linearised(estimate)
-        equations = model.equations(estimate, linear)
+        equations = model.equations(estimate, model.linearised(estimate))
         posterior, eliminated = model.posterior(estimate, equations, self.weights)
-        here = [model.space.to_parameters(self.unit)]
-        beyond = np.full((2, len(model.cost.observations)), np.nan)
-        for whole, fits, equation, left in zip(
+        objects = int(model.cost.trajectory_object.max()) + 1
+        states = np.empty((len(model.cost.observations), count, objects, 13))
+        for block, fits, equation, left in zip(
             model.blocks, estimate.fits, equations, eliminated, strict=True
         ):
-            until = np.minimum(fits.horizons + SECONDS_BEYOND, whole.durations)
-            block = whole.shortened(until)
-            covariances = equation.state_covariances(left, posterior)
-            draws = fits.draws(generator, covariances, DRAWS_BEYOND)
-            index = np.zeros((len(draws), 1), dtype=np.int64)
-            residuals = residuals_at(model.cost, block, draws, here, index, until)
-            model.simulations += len(draws) * block.members.size
-            losses = replace(fits, horizons=until).losses(block, draws, residuals)
-            best = residuals[np.argmin(losses, axis=0), np.arange(block.members.size)]
-            beyond[:, block.members] = lengths_beyond(block, best, fits.horizons, until)
-        return beyond[0], beyond[1]
+            draws = fits.draws(generator, equation.state_covariances(left, posterior), count)
+            states[block.members] = block.initial_states.states(draws.swapaxes(0, 1), objects)
+        return states
 
     def begin_at(
         self,

@@ -69,6 +69,10 @@ CONFLICT = 7.0
 """Logarithm of the ratio of evidences, of what is not bound by what is known to what is, from which
 on an observation contradicts what is known: odds of a thousand to one."""
 
+OUTWEIGHED = 0.01
+"""Rate of false alarms where what is remembered counts less than what is set aside, so that it no
+longer is what most observations agree on."""
+
 SMALLEST_EXPLAINED = 0.6
 """Share of the last observations that can be explained from which on one that cannot be is
 doubtful; where motion is too chaotic for that, most such observations are good ones; of clean
@@ -568,7 +572,7 @@ class OnlineLearner:
             [(member.likelihood, member.weight) for member in kept],
             families,
             {family: self._count_of(members) for family, members in families.items()},
-            self._options.false_alarm_rate,
+            OUTWEIGHED if self._is_outweighed() else self._options.false_alarm_rate,
             FEWEST_CHANGED,
         )
         if change is None:
@@ -590,6 +594,16 @@ class OnlineLearner:
         # Observations that agree on a change have compared it with what is published.
         state.challenger, state.compared = state.posterior, change.length
         state.score = change.length * LARGEST_VOTE
+
+    def _is_outweighed(self) -> bool:
+        """Whether what is remembered counts less, by its age, than what is set aside.
+
+        Not before observations are forgotten: until then what is known is what most agree on.
+        """
+        if self._options.time_constant == 0.0:
+            return False
+        remembered = sum(map(self._age_weight, self.state.kept))
+        return sum(map(self._age_weight, self.state.doubtful)) > remembered
 
     def _count_of(self, parameters: NDArray[np.int64]) -> int:
         """Number of observations that inform some parameters; retired ones are enough."""

@@ -20,6 +20,7 @@ from benchmarks.learning.online import (
     AFTER,
     BEFORE,
     OBSERVATIONS_BEFORE,
+    SPACING,
     Drift,
     changing_stream,
     mean_drift,
@@ -219,6 +220,8 @@ def test_changing_stream_is_of_one_ball_and_the_same_until_the_change():
     assert len(balls) == 1
     unchanged = list(changing_stream(4, 0))
     assert [each.id for each in stream[:OBSERVATIONS_BEFORE]] == [each.id for each in unchanged]
+    starts = [each.start_time for each in stream]
+    assert np.diff(starts) == pytest.approx(SPACING)
 
 
 def test_change_counts_until_the_published_value_is_near():

@@ -126,7 +126,7 @@ def test_density_is_the_loss_of_the_fit():
         fit.model.parts(fit.estimate), fit.model.linearised(fit.estimate), strict=True
     ):
         each = part.losses(block, part.estimate[None], linear.residuals[None])[0]
-        losses += (part.weights * each).sum()
+        losses += fit.weights[block.members] @ each
     assert found[0] == pytest.approx(-losses, rel=1e-9)
 
 

@@ -56,6 +56,7 @@ LINE = (
     "mass_ratio_90",
     "disturbed",
     "drift_observations",
+    "drift_by_forgetting",
     "stream",
     "suggested_over_random",
     "rank_chi2",

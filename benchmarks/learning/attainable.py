@@ -26,7 +26,10 @@ from intuitive_physics.state import LINEAR_VELOCITY, POSITION, ROTATION
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit, ObservationFit
 from intuitive_physics_learner.joint_estimation.observation_blocks import InitialStateDeviations
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.settings import (
+    FIXED_HORIZONS,
+    JointEstimationSettings,
+)
 from intuitive_physics_learner.search.learning_task import LearningTask
 
 ADVANCES = 20  # times that the fit horizons advance with everything held at the truth
@@ -93,7 +96,7 @@ def attainable_from(size: str, seed: int, task: Task) -> Attainable:
     whole = [replace(fit, horizon=np.inf) for fit in held]
     excesses = []
     for fits in (held, whole):
-        fit = JointFit(learning.fit_task, settings.with_fixed_horizons())
+        fit = JointFit(learning.fit_task, FIXED_HORIZONS, growing.model.stated_blocks)
         fit.begin_at(truth, deviations, fits)
         draws = _draws(fit, truth, np.random.default_rng(seed))
         parameters = [learning.searched.to_parameters(unit) for unit in draws]
@@ -112,11 +115,8 @@ def _draws(
     fit: JointFit, truth: NDArray[np.float64], rng: np.random.Generator
 ) -> NDArray[np.float64]:
     """Draw θ_s (DRAWS, n) on the unit cube about the truth (n,), by the likelihood there."""
-    precision = fit.prior.precision.copy()
-    for likelihood in fit.likelihoods():
-        part = np.ix_(likelihood.parameters, likelihood.parameters)
-        precision[part] += likelihood.information
-    drawn = rng.multivariate_normal(truth, np.linalg.inv(precision), DRAWS)
+    covariance = fit.prior.plus(fit.likelihoods()).covariance
+    drawn = rng.multivariate_normal(truth, covariance, DRAWS)
     return np.clip(drawn, 0.0, 1.0)
 
 

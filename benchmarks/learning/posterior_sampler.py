@@ -52,7 +52,7 @@ class FitDensity:
     """
 
     def __init__(self, fit: JointFit) -> None:
-        self._model, self._estimate = fit.model, fit.estimate
+        self._model, self._estimate, self._weights = fit.model, fit.estimate, fit.weights
         self._parts = list(fit.model.parts(fit.estimate))
 
     def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -76,14 +76,14 @@ class FitDensity:
             residuals = residuals_at(
                 self._model.cost, block, tried, candidates, index, part.horizons
             )
-            losses += part.losses(block, tried, residuals) @ part.weights
+            losses += part.losses(block, tried, residuals) @ self._weights[block.members]
         return losses
 
     def starts(self, units: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
         """Return points (c, k) of θ_s `units` (c, n), with initial states drawn by the slopes."""
         model = self._model
         equations = model.equations(self._estimate, model.linearised(self._estimate))
-        _, eliminated = model.posterior(equations)
+        eliminated = [each.eliminated() for each in equations]
         columns = [units]
         for (_, part), equation, left in zip(self._parts, equations, eliminated, strict=True):
             d = equation.state_size

@@ -42,12 +42,15 @@ from intuitive_physics_learner.design import (
     ThrowOptions,
     ThrowRanges,
     ViewingConditions,
-    gaussian_covariance,
     suggest,
 )
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.joint_identifiability import one_sided_moves
+from intuitive_physics_learner.joint_estimation.joint_identifiability import (
+    curvature_posterior,
+    one_sided_moves,
+)
+from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.one_sided_intervals import UNIFORM
 
@@ -181,7 +184,7 @@ def _run(world: _World, *, suggested: bool) -> Run:
     while True:
         observations.append(world.observe(_next_throw(world, posterior, suggested), world.rng))
         posterior = _fitted(observations, space, posterior.mean, world.simulator)
-        deviations = np.sqrt(np.diag(gaussian_covariance(posterior)))[world.indices]
+        deviations = Gaussian.of(posterior, bounded=True).deviations[world.indices]
         errors = np.abs(posterior.mean - space.to_unit(world.truth))[world.indices]
         enough = bool(deviations.max() <= PRECISION and errors.max() <= 2.0 * PRECISION)
         if enough or len(observations) == MOST_THROWS:
@@ -213,7 +216,7 @@ def _fitted(
         fit.step()
     unit = start.copy()
     unit[task.active] = fit.unit
-    posterior = fit.model.curvature_posterior(fit.estimate)
+    posterior = curvature_posterior(fit)
     free, ends = one_sided_moves(fit, posterior.deviations)
     # What is known to one side only counts as uniform over its interval.
     factors = np.maximum(ends, 0.5 * free.sum(axis=1) / UNIFORM) / posterior.deviations

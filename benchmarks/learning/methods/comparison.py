@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +20,7 @@ from benchmarks.learning.methods.loop_beside import compare_lateness
 from benchmarks.learning.methods.peers import compare_engines
 from benchmarks.learning.paper_sets import SIZES, TOLERANCE, make_task
 from benchmarks.results.result import Cell, Column, Table
-from intuitive_physics_learner import FURTHER_RULES, UPDATE_RULES
+from intuitive_physics_learner import UPDATE_RULES
 
 # s within which the test split's J is to be within 5 % of the oracle's, on two quiet cores
 BARS = {"1x50": 2.0, "10x50": 30.0, "20x50": 120.0}
@@ -34,16 +33,14 @@ class Effort:
 
     seconds: tuple[float, ...]  # that joint estimation may take
     iterations: tuple[int, ...]  # of each run of an update rule
-    further_iterations: tuple[int, ...]  # of CMA-ES and its further kinds
     peer_seconds: float  # that each other engine may take
     loop_seconds: float  # that a loop beside the learner is watched for
     candidates: int  # that threads and processes evaluate at once
 
 
 # For results that are kept
-FULL = Effort((4.0, 20.0, 60.0), (500, 150, 60), (0, 200, 100), 10.0, 5.0, 20)
-QUICK = Effort((0.5, 1.0, 1.0), (20, 5, 3), (0, 4, 0), 0.5, 0.5, 2)  # for a first look
-LONG_COMPARED = ("cma_es", *FURTHER_RULES)  # rules that are compared over many more iterations
+FULL = Effort((4.0, 20.0, 60.0), (500, 150, 60), 10.0, 5.0, 20)
+QUICK = Effort((0.5, 1.0, 1.0), (20, 5, 3), 0.5, 0.5, 2)  # for a first look
 
 
 def measure(quick: bool, first_seed: int) -> Outcome:
@@ -51,7 +48,6 @@ def measure(quick: bool, first_seed: int) -> Outcome:
     effort = QUICK if quick else FULL
     joint = _run_joint(effort, first_seed)
     rules = _run_rules(effort, joint)
-    further = _run_further(effort, joint)
     report_progress("other engines")
     engines = compare_engines(effort.peer_seconds, first_seed)
     report_progress("beside a loop, and on a cluster")
@@ -59,18 +55,7 @@ def measure(quick: bool, first_seed: int) -> Outcome:
     return Outcome(
         tables=[
             _joint_table(joint),
-            _rules_table(
-                "The paper's nine rules: J over the training split in m, mean over seeds",
-                joint,
-                rules,
-                tuple(UPDATE_RULES),
-            ),
-            _rules_table(
-                "CMA-ES for hundreds of parameters: likewise, one seed",
-                joint,
-                further,
-                LONG_COMPARED,
-            ),
+            _rules_table(joint, rules),
             engines,
             compare_lateness(task, effort.loop_seconds),
             compare_paces(task, effort.candidates),
@@ -101,19 +86,6 @@ def _run_rules(effort: Effort, joint: Joint) -> Histories:
             report_progress(f"{name}, {rule}")
             runs = [rule_history(task, rule, seed, iterations) for seed in range(seeds)]
             histories[name][rule] = np.mean(runs, axis=0)
-    return histories
-
-
-def _run_further(effort: Effort, joint: Joint) -> Histories:
-    """Return J of CMA-ES and its further kinds after each of the same number of evaluations."""
-    histories: Histories = {}
-    for name, iterations in zip(joint, effort.further_iterations, strict=True):
-        if iterations:
-            report_progress(f"{name}, {', '.join(LONG_COMPARED)}")
-            task, _ = joint[name]
-            histories[name] = {
-                rule: rule_history(task, rule, 0, iterations) for rule in LONG_COMPARED
-            }
     return histories
 
 
@@ -155,13 +127,15 @@ def _joint_table(joint: Joint) -> Table:
     )
 
 
-def _rules_table(title: str, joint: Joint, histories: Histories, rules: Sequence[str]) -> Table:
+def _rules_table(joint: Joint, histories: Histories) -> Table:
     rows: list[list[Cell]] = [
-        [rule, *(float(by_rule[rule][-1]) for by_rule in histories.values())] for rule in rules
+        [rule, *(float(by_rule[rule][-1]) for by_rule in histories.values())]
+        for rule in UPDATE_RULES
     ]
     rows.append(["(true θ_s)", *(joint[name][0].oracle[0] for name in histories)])
     columns = [
-        Column(f"{name}, {by_rule[rules[0]].size} iterations", "m", ".3f")
+        Column(f"{name}, {by_rule['grid'].size} iterations", "m", ".3f")
         for name, by_rule in histories.items()
     ]
+    title = "The paper's nine rules: J over the training split in m, mean over seeds"
     return Table(title, [Column("rule"), *columns], rows)

@@ -29,6 +29,7 @@ from intuitive_physics_learner.assessment import (
     assess_observations,
     reassessed,
 )
+from intuitive_physics_learner.assessment.undisturbed_motion import undisturbed_misfits
 from intuitive_physics_learner.cost.cost_function import (
     Cost,
     InterruptibleCost,
@@ -38,6 +39,7 @@ from intuitive_physics_learner.cost.cost_function import (
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
 from intuitive_physics_learner.given_parameters import check_within_bounds
+from intuitive_physics_learner.joint_estimation.joint_search import JointSearch
 from intuitive_physics_learner.joint_estimation.point_noise import detected
 from intuitive_physics_learner.methods import (
     DEFAULT_METHOD,
@@ -51,8 +53,9 @@ from intuitive_physics_learner.search.convergence import (
     SearchResult,
     StopReason,
 )
+from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.identifiability import Identifiability
-from intuitive_physics_learner.search.learning_task import GaussianPrior, LearningTask
+from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.store.observation_entries import Assessment
 
@@ -189,9 +192,11 @@ def learn(
     )
     spins = previous.initial_spins.updated(search.initial_spins())
     learned = replace(learned, initial_spins=spins)
-    assessments, beyond = assessed.assessments, search.lengths_beyond()
-    if beyond is not None:
-        assessments = reassessed(assessments, *beyond, trusted=options.trusted_ids)
+    assessments = assessed.assessments
+    if isinstance(search, JointSearch) and search.fits_trajectories:
+        generator = np.random.default_rng([options.seed, 1])
+        misfits = undisturbed_misfits(search.fit, simulator, generator)
+        assessments = reassessed(assessments, *misfits, trusted=options.trusted_ids)
     return LearningResult(learned, outcome, assessments or None)
 
 
@@ -285,7 +290,7 @@ def _begin(
     return previous, replace(task, knowledge=prior)
 
 
-def _given_prior(task: LearningTask, given: GivenKnowledge) -> GaussianPrior | None:
+def _given_prior(task: LearningTask, given: GivenKnowledge) -> Gaussian | None:
     """Return what a user gave of the active parameters; None where that is nothing."""
     space, prior = task.space, given.prior
     check_within_bounds(task.start, given.fixed, space.bounds)
@@ -298,7 +303,7 @@ def _given_prior(task: LearningTask, given: GivenKnowledge) -> GaussianPrior | N
     precision = prior.information + UNIFORM_PRECISION * np.eye(space.size)
     covariance = np.linalg.inv(precision)[np.ix_(active, active)]
     mean = np.where(with_prior[active], prior.mean[active], task.begin)
-    return GaussianPrior(mean, np.linalg.inv(covariance))
+    return Gaussian.about(mean, np.linalg.inv(covariance))
 
 
 def _identity(

@@ -61,6 +61,9 @@ def check_environments(observations: Sequence[Observation], simulator: Simulator
             ) from None
 
 
+STATE_FORM = 2
+"""Form of the states of searches: one that a program with another form left begins again."""
+
 LARGEST_SAVING_SHARE = 0.05
 """Part of a search's time that may be spent on storing its state."""
 
@@ -242,6 +245,7 @@ def _key(
 ) -> str:
     """Digest of all that determines a search, apart from the θ_s it starts from."""
     parts = {
+        "state": STATE_FORM,
         "observations": [observation.id for observation in observations],
         "trusted": list(options.trusted_ids),
         "simulator": simulator.name,

@@ -44,7 +44,8 @@ class GlideSimulator(Simulator):
         failed = (e > 0.99).any(axis=1)
         positions[failed, :, times.shape[1] // 2 :] = np.nan
         status = np.where(failed, WorldStatus.TOO_MANY_EVENTS, WorldStatus.OK)
-        return Rollout(positions, None, status)
+        turns = np.repeat(worlds.states[:, :, None, 3:7], times.shape[1], axis=2)
+        return Rollout(positions, turns if orientations else None, status)
 
 
 class FoldedGlideSimulator(GlideSimulator):

@@ -9,13 +9,14 @@ from hypothesis import strategies as st
 
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.normal_equations import (
+    AGREEMENT_FREEDOM,
     Elimination,
-    Posterior,
     agreement_weights,
+    joint_posterior,
 )
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.search.gaussian import Gaussian
 
-FREEDOM = 4.0
 PRIOR = 1e-6
 
 
@@ -25,13 +26,11 @@ def weigh(information, estimates, at, weights):
     scores = np.einsum("wij,wj->wi", information, at - estimates)
     nothing = np.zeros((count, 0, q)), np.zeros((count, 0))
     everything = np.tile(np.arange(q), (count, 1))
-    part = Elimination(
-        everything, *nothing, information * weights[:, None, None], scores * weights[:, None]
-    )
-    posterior = Posterior.of([part], PRIOR * np.eye(q))
-    step = -posterior.covariance @ part.scores.sum(axis=0)
-    (agreement,) = agreement_weights([part], [weights], posterior, step, FREEDOM)
-    return agreement, at + step
+    part = Elimination(np.arange(count), everything, *nothing, information, scores)
+    # Where the prior has its mean, it does not pull.
+    prior = Gaussian.about(at, PRIOR * np.eye(q))
+    agreement = agreement_weights(prior, at, [part], weights)
+    return agreement, joint_posterior(prior, at, [part], weights).mean
 
 
 def settled(information, estimates, at):
@@ -82,7 +81,7 @@ def test_without_an_observation_the_others_alone_decide():
     others = (values.sum() - values[:, 0]) / 3.0
     squares = (values[:, 0] - others) ** 2 / (sigma**2 * 4.0 / 3.0)
     typical = max(np.median(squares), 1.0)
-    expected = np.minimum((FREEDOM + 1.0) / (FREEDOM + squares / typical), 1.0)
+    expected = np.minimum((AGREEMENT_FREEDOM + 1.0) / (AGREEMENT_FREEDOM + squares / typical), 1.0)
     np.testing.assert_allclose(weights, expected, rtol=1e-3)
 
 
@@ -93,9 +92,7 @@ def test_likelihood_of_an_observation_does_not_depend_on_its_weight(gliding_task
         fit.step()
     before = fit.likelihoods()
     state = fit.state()
-    for part in state["fits"]:
-        part["weights"] = [0.25 for _ in part["weights"]]
-    fit.load_state(state)
+    fit.load_state({**state, "weights": [0.25, 0.25, 0.25]})
     for likelihood, other in zip(before, fit.likelihoods(), strict=True):
         np.testing.assert_array_equal(likelihood.information, other.information)
         np.testing.assert_array_equal(likelihood.scores, other.scores)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from intuitive_physics.observation import Detections, Observation, ObservedObject
 from intuitive_physics.scene import Environment, Plane, SceneObject
-from intuitive_physics.shapes import Box, Capsule, Sphere
+from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import (
@@ -30,7 +30,6 @@ from intuitive_physics_learner.assessment.motion_laws import (
     flight_violation,
     jump_violation,
     rest_violation,
-    start_violation,
 )
 from intuitive_physics_learner.assessment.tracks import tracks_of
 from intuitive_physics_learner.store.observation_entries import Assessment
@@ -93,7 +92,6 @@ def violations(track):
         flight_violation(track),
         jump_violation(track),
         rest_violation(track),
-        start_violation(track),
     ]
 
 
@@ -162,29 +160,6 @@ def test_jump_is_located(path):
     assert violation.clean_until <= 1.01 < violation.time + 1e-9 < 1.1
 
 
-@pytest.mark.parametrize("shape", [Sphere(0.1), Box((0.2, 0.2, 0.2)), Capsule(0.1, 0.3)])
-@pytest.mark.parametrize("push", [(0.0, -1.5, 0.0), (-1.0, 0.0, 2.5)])
-def test_what_rests_does_not_move_by_itself(shape, push):
-    since = np.maximum(TIMES - 2.0, 0.0)[:, None]
-    hop = np.maximum(push[2] * since - 0.5 * 9.81 * since**2, 0.0)
-    kicked = [0.0, 0.0, 0.1] + since * [push[0], push[1], 0.0] + hop * [0.0, 0.0, 1.0]
-    violation = start_violation(track(kicked, shape=shape))
-    assert violation.log_p < NOTABLE
-    assert 1.5 < violation.clean_until <= 2.0
-
-
-def test_what_almost_rests_may_go_on():
-    creeping = [0.0, 0.0, 0.1] + TIMES[:, None] * [0.02, 0.0, 0.0]
-    for seed in range(20):
-        assert start_violation(track(creeping, seed)).log_p > NOTABLE
-
-
-def test_another_object_may_move_what_rests():
-    kicked = np.maximum(TIMES - 2.0, 0.0)[:, None] * [2.0, 0.0, 0.0]
-    touched = replace(track(kicked), object_gaps=np.full(len(TIMES), 0.05))
-    assert start_violation(touched) is None
-
-
 def test_a_box_rests_on_its_faces_only():
     box = Box((0.2, 0.3, 0.5))
     for height in (0.1, 0.15, 0.25):
@@ -219,11 +194,11 @@ def test_probabilities_are_probabilities_and_fall_with_p(log_ps):
     assert (np.diff(probabilities[np.argsort(log_ps)]) >= 0.0).all()
 
 
-def judged(lengths):
-    used = [Assessment(str(i), 1.0) for i in range(len(lengths))]
+def judged(misfits):
+    used = [Assessment(str(i), 1.0) for i in range(len(misfits))]
     return [
         assessment.status == "doubtful"
-        for assessment in reassessed(used, np.array(lengths), np.full(len(lengths), 1.0))
+        for assessment in reassessed(used, np.array(misfits), np.full(len(misfits), 1.0))
     ]
 
 

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
+from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
 from intuitive_physics_learner.online.change_point import (
     change_probability,
     chi_square_tail,
     find_change,
 )
-from intuitive_physics_learner.online.information import Information
-from intuitive_physics_learner.search.learning_task import GaussianPrior
+from intuitive_physics_learner.search.gaussian import Gaussian
 
 SIZE = 6
 """Parameters: two pairs of three."""
@@ -43,16 +42,13 @@ def observed(generator, truth, sharpness=1e4):
 
 
 def known_from(generator, truth, count):
-    information = Information.none(SIZE)
-    for _ in range(count):
-        information.add(observed(generator, truth))
-    return information
+    return Gaussian.nothing(SIZE).plus([observed(generator, truth) for _ in range(count)])
 
 
 def test_probability_is_uniform_without_a_change():
     generator = np.random.default_rng(0)
     covariance = 1e-4 * np.eye(SIZE) + 5e-5
-    prior = GaussianPrior(CENTRE, np.linalg.inv(covariance))
+    prior = Gaussian.about(CENTRE, np.linalg.inv(covariance))
     changes = []
     for _ in range(1000):
         truth = generator.multivariate_normal(CENTRE, covariance)
@@ -74,7 +70,7 @@ def test_no_alarm_in_a_long_stationary_stream():
     information, recent, alarms = known_from(generator, CENTRE, 8), [], 0
     for _ in range(1000):
         likelihood = observed(generator, CENTRE)
-        information.add(likelihood)
+        information = information.plus([likelihood])
         recent = [*recent, likelihood][-8:]
         alarms += looked_for(information, recent, weight=1.0) is not None
     # 0.1 are expected at most.

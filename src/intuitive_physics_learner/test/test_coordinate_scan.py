@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
-    ScanCandidates,
+    SMALLEST_SCAN_GAIN,
     compatible_moves,
+    scan_candidates,
     scanned_states,
 )
 from intuitive_physics_learner.joint_estimation.fit_horizons import TrajectoryFits
@@ -31,17 +32,17 @@ LEVELS = np.array([0.1, 0.5, 0.9])
 def candidates_of(task):
     influence = task.influence[:, task.active]
     levels = np.tile(LEVELS, (task.begin.size, 1))
-    return ScanCandidates(task.begin, separate_groups(influence), task.searched, levels)
+    return scan_candidates(task.begin, separate_groups(influence), task.searched, levels)
 
 
 def test_each_candidate_moves_one_parameter(gliding_task):
     task = gliding_task([0.5, 0.7])
-    candidates = candidates_of(task)
+    candidates, index = candidates_of(task)
     # All four parameters share both observations: no two move together.
-    assert len(candidates.parameters) == 4 * LEVELS.size
+    assert len(candidates) == 4 * LEVELS.size
     for parameter in range(4):
         for k, level in enumerate(LEVELS):
-            moved = task.searched.to_unit(candidates.parameters[candidates.index[parameter, k]])
+            moved = task.searched.to_unit(candidates[index[parameter, k]])
             assert moved[parameter] == pytest.approx(level)
             if parameter != 3:
                 assert moved[3] == task.begin[3]
@@ -54,13 +55,13 @@ def test_initial_states_are_the_ridge_regression_of_each_level(gliding_task):
     influence = task.influence[:, task.active]
     (block,) = observation_blocks(task.cost.observations, influence)
     block = replace(block, whitening=np.broadcast_to(np.eye(3) / noise, block.whitening.shape))
-    fits = TrajectoryFits.initial(block, np.ones(block.members.size))
+    fits = TrajectoryFits.initial(block)
     steps = ParameterSteps(
         task.begin, np.full(4, 0.1), separate_groups(influence), task.searched.to_parameters
     )
     until = fits.horizons
     linear = linearise(task.cost, block, fits.estimate, fits.deviations, steps, until)
-    estimates, residuals = scanned_states(task.cost, block, fits, linear, candidates_of(task))
+    estimates, residuals = scanned_states(task.cost, block, fits, linear, *candidates_of(task))
     estimates = estimates.reshape(4, LEVELS.size, 2, 3)
     residuals = residuals.reshape(4, LEVELS.size, 2, -1, 3)
     prior = PRIOR_WIDENING * deviation
@@ -82,11 +83,11 @@ def test_initial_states_are_the_ridge_regression_of_each_level(gliding_task):
 def test_moves_share_no_observation_and_none_that_gains_most_is_left_out(seed):
     rng = np.random.default_rng(seed)
     influence = rng.random((6, 8)) < 0.3
-    gains = rng.normal(size=8)
-    moves = compatible_moves(gains, influence, 0.5)
-    assert (gains[moves] >= 0.5).all()
+    gains = 2.0 * SMALLEST_SCAN_GAIN * rng.normal(size=8)
+    moves = compatible_moves(gains, influence)
+    assert (gains[moves] >= SMALLEST_SCAN_GAIN).all()
     assert (influence[:, moves].sum(axis=1) <= 1).all()
-    for parameter in set(np.flatnonzero(gains >= 0.5)) - set(moves):
+    for parameter in set(np.flatnonzero(gains >= SMALLEST_SCAN_GAIN)) - set(moves):
         rivals = [m for m in moves if (influence[:, m] & influence[:, parameter]).any()]
         assert max(gains[rivals]) >= gains[parameter]
 

@@ -5,24 +5,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from intuitive_physics_learner.joint_estimation import (
-    JointEstimationSettings,
-    coordinate_scan,
-    fit_horizons,
-    normal_equations,
+from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings, normal_equations
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.joint_identifiability import (
+    LARGEST_MOVE_RISE,
+    curvature_posterior,
+    curvature_simulations,
+    move_simulations,
+    plausible_moves,
 )
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
-from intuitive_physics_learner.joint_estimation.normal_equations import NormalEquations, Posterior
+from intuitive_physics_learner.joint_estimation.normal_equations import (
+    NormalEquations,
+    joint_posterior,
+)
 from intuitive_physics_learner.joint_estimation.observation_blocks import (
     PRIOR_WIDENING,
     observation_blocks,
 )
-from intuitive_physics_learner.joint_estimation.trajectory_model import (
-    LARGEST_MOVE_RISE,
-    TrajectoryModel,
-)
+from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.identifiability import ONE_SIDED_DEVIATIONS
-from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION
 
 PRIOR_DEVIATION = UNIFORM_PRECISION**-0.5
 E = 3
@@ -32,12 +35,11 @@ E = 3
 @pytest.fixture(autouse=True)
 def least_squares(monkeypatch):
     """Let nothing be an outlier."""
-    for module in (normal_equations, fit_horizons, coordinate_scan):
-        monkeypatch.setattr(module, "OUTLIER_LENGTH", 100.0)
+    monkeypatch.setattr(normal_equations, "OUTLIER_LENGTH", 100.0)
 
 
-def model_of(task):
-    return TrajectoryModel(task.fit_task, JointEstimationSettings())
+def fit_of(task):
+    return JointFit(task.fit_task, JointEstimationSettings())
 
 
 def information_of(task, model, horizons, slope=1.0):
@@ -57,9 +59,9 @@ def information_of(task, model, horizons, slope=1.0):
 @pytest.mark.parametrize("noise", [0.0, 0.003])
 def test_a_linear_problem_has_the_posterior_of_least_squares(gliding_task, noise):
     task = gliding_task([0.5, 0.5, 0.5], position_deviation=0.01, noise=noise)
-    model = model_of(task)
-    estimate = model.initial_estimate()
-    posterior = model.curvature_posterior(estimate)
+    fit = fit_of(task)
+    model, estimate = fit.model, fit.estimate
+    posterior = curvature_posterior(fit)
     information = information_of(task, model, estimate.fits[0].horizons) + UNIFORM_PRECISION
     assert posterior.deviations[E] == pytest.approx(information**-0.5, rel=1e-6)
     # What has no effect keeps its prior, and no correlation with e.
@@ -69,36 +71,34 @@ def test_a_linear_problem_has_the_posterior_of_least_squares(gliding_task, noise
 
 def test_counts_its_simulations(gliding_task):
     task = gliding_task([0.5, 0.5, 0.6], position_deviation=0.01)
-    model = model_of(task)
-    estimate = model.initial_estimate()
-    model.curvature_posterior(estimate)
-    assert model.simulations == pytest.approx(model.curvature_simulations(estimate))
+    fit = fit_of(task)
+    curvature_posterior(fit)
+    assert fit.model.simulations == pytest.approx(curvature_simulations(fit))
 
 
 def test_moves_end_where_the_loss_of_least_squares_is_no_longer_plausible(gliding_task):
     # f(e) = min(e, ½) at e = ½: a rise of ½ (move / σ)² downwards, none upwards until worlds fail.
     task = gliding_task([0.5, 0.5], effect=lambda e: np.minimum(e, 0.5), position_deviation=0.01)
-    model = model_of(task)
-    estimate = model.initial_estimate()
+    fit = fit_of(task)
+    model, estimate = fit.model, fit.estimate
     information = information_of(task, model, estimate.fits[0].horizons)
     expected = np.sqrt(2.0 * LARGEST_MOVE_RISE / information)
-    moves = model.plausible_moves(estimate, np.full(4, 2.0 * expected))
+    moves = plausible_moves(fit, np.full(4, 2.0 * expected))
     # Seven bisections leave less than 2 % of it.
     assert moves[E, 0] == pytest.approx(expected, rel=0.02)
     assert moves[E, 1] > 0.45
     # What has no effect can be moved to its bounds.
     unit = estimate.unit[:E]
     np.testing.assert_allclose(moves[:E], np.stack([unit, 1.0 - unit], axis=1))
-    assert model.simulations <= model.move_simulations(estimate)
+    assert model.simulations <= move_simulations(fit)
 
 
 def test_no_move_where_the_loss_is_a_parabola(gliding_task):
     task = gliding_task([0.5, 0.5, 0.5], position_deviation=0.01)
-    model = model_of(task)
-    estimate = model.initial_estimate()
-    posterior = model.curvature_posterior(estimate)
+    fit = fit_of(task)
+    posterior = curvature_posterior(fit)
     first = ONE_SIDED_DEVIATIONS * np.sqrt(3.0) * posterior.deviations
-    assert (model.plausible_moves(estimate, first)[E] == 0.0).all()
+    assert (plausible_moves(fit, first)[E] == 0.0).all()
 
 
 def test_eliminating_initial_states_is_the_inverse_of_the_whole_matrix(gliding_task):
@@ -118,11 +118,12 @@ def test_eliminating_initial_states_is_the_inverse_of_the_whole_matrix(gliding_t
     whole = equations.hessian[0].copy()
     whole[3:, 3:] += UNIFORM_PRECISION * np.eye(4)
     inverse = np.linalg.inv(whole)
-    posterior = Posterior.of([eliminated], UNIFORM_PRECISION * np.eye(4))
+    prior = Gaussian.within_bounds(np.full(4, 0.5))
+    posterior = joint_posterior(prior, prior.mean, [eliminated], np.ones(1))
     np.testing.assert_allclose(posterior.covariance, inverse[3:, 3:], rtol=1e-9, atol=1e-12)
-    got = posterior.state_covariances(equations, eliminated)[0]
+    got = equations.state_covariances(eliminated, posterior)[0]
     np.testing.assert_allclose(got, inverse[:3, :3], rtol=1e-9, atol=1e-12)
     jacobian = slopes[0].reshape(7, -1)
     variances = np.einsum("ip,ij,jp->p", jacobian, inverse, jacobian).reshape(points, 3)
-    spreads = posterior.spreads(linear, equations, eliminated)[0]
+    spreads = equations.spreads(linear, eliminated, posterior)[0]
     np.testing.assert_allclose(spreads, np.sqrt(variances.sum(axis=1)), rtol=1e-9)

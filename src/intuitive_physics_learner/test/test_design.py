@@ -27,9 +27,9 @@ from intuitive_physics_learner.design import (
     ViewingConditions,
     expected_information,
     expected_posteriors,
-    gaussian_covariance,
     suggest,
 )
+from intuitive_physics_learner.search.gaussian import Gaussian
 
 FLOOR = Environment([Plane("floor", "floor", [0, 0, 1], 0.0)])
 RADIUS = 0.05
@@ -73,7 +73,8 @@ def deviation_after(options, posterior, view, simulator, name=E, how=PERFECT):
     units = posterior.draw(how.draws, rng)
     (part,) = expected_posteriors([throw], posterior, units, view, simulator, how, rng)
     direction = np.eye(posterior.mean.size)[[posterior.space.names.index(name)]]
-    return np.sqrt(part.reduction(gaussian_covariance(posterior), direction).variances[0, 0])
+    covariance = Gaussian.of(posterior, bounded=True).covariance
+    return np.sqrt(part.reduction(covariance, direction).variances[0, 0])
 
 
 def test_information_of_a_drop_is_that_of_the_closed_form(event_driven):

@@ -137,25 +137,25 @@ def test_two_outliers_are_no_misfit(block):
 
 
 def test_a_horizon_retreats_to_before_its_misfit_and_others_reach_their_goals(block):
-    fits = TrajectoryFits.initial(block, np.ones(block.members.size))
+    fits = TrajectoryFits.initial(block)
     fits.horizons = np.array([3.0, 3.0])
     residuals = np.zeros((2, 100, 3))
     residuals[1, 49:, 0] = 10.0 * NOISE
     goals = np.array([3.2, 3.2])
-    farther, misfits = fits.advance(block, residuals, goals, SETTINGS.misfit_patience)
-    assert (farther, misfits) == (True, 1)
+    assert fits.advance(block, residuals, goals)
+    np.testing.assert_array_equal(fits.misfits, [False, True])
     start = block.times[1, 49 - HALF]
     np.testing.assert_allclose(fits.horizons, [3.2, start - RETREAT])
 
 
 def test_a_horizon_that_retreats_twice_and_gets_no_farther_stays(block):
-    fits = TrajectoryFits.initial(block, np.ones(block.members.size))
+    fits = TrajectoryFits.initial(block)
     fits.horizons = np.array([3.0, 3.0])
     good, failing = np.zeros((2, 2, 100, 3))
     failing[1, 49:, 0] = 10.0 * NOISE
 
     def advance(residuals, to):
-        return fits.advance(block, residuals, np.full(2, to), 1)[0]
+        return fits.advance(block, residuals, np.full(2, to))
 
     assert advance(good, 3.2)
     for _ in range(MOST_RETREATS):
@@ -187,7 +187,7 @@ def test_a_fit_settles_where_one_motion_cannot_be_explained_to_its_end(gliding_t
 
 
 def test_losses_are_hubers_and_the_priors(block):
-    fits = TrajectoryFits.initial(block, np.ones(block.members.size))
+    fits = TrajectoryFits.initial(block)
     fits.horizons = np.array([0.04, 0.08])
     estimates = np.zeros((1, 2, 3))
     estimates[0, 0, 0] = 2.0 * block.prior_deviations[0, 0]
@@ -203,9 +203,9 @@ def test_losses_are_hubers_and_the_priors(block):
 
 
 def test_fits_continue_from_their_state(block):
-    fits, other = (TrajectoryFits.initial(block, np.ones(block.members.size)) for _ in range(2))
+    fits, other = (TrajectoryFits.initial(block) for _ in range(2))
     fits.estimate += 0.125
-    fits.misfits += 2
+    fits.misfits[1] = True
     other.load_state(fits.state())
     assert other.state() == fits.state()
     assert other.misfits.dtype == fits.misfits.dtype
@@ -224,7 +224,7 @@ def test_joint_fit_reaches_the_end_of_predictable_motion(gliding_task):
 
 
 def test_draws_begin_with_the_estimate_and_spread_as_they_should(block):
-    fits = TrajectoryFits.initial(block, np.ones(2))
+    fits = TrajectoryFits.initial(block)
     d = fits.estimate.shape[1]
     factor = np.random.default_rng(0).normal(size=(2, d, d))
     covariances = factor @ factor.transpose(0, 2, 1)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from intuitive_physics_learner.joint_estimation.linearisation import (
+    SMALLEST_PARAMETER_DIFFERENCE,
     ParameterSteps,
     difference_steps,
     linearise,
@@ -19,11 +20,11 @@ E = 3
 """Index of the only parameter that has an effect."""
 
 
-def linearised(task):
+def linearised(task, deviation=DEVIATION):
     """Linearise at the task's start; return it with the block and |v| (W,) of its balls."""
     influence = task.influence[:, task.active]
     (block,) = observation_blocks(task.cost.observations, influence)
-    deviations = np.full(task.begin.size, DEVIATION)
+    deviations = np.full(task.begin.size, deviation)
     groups = separate_groups(influence)
     steps = ParameterSteps(task.begin, deviations, groups, task.searched.to_parameters)
     estimate = np.zeros_like(block.prior_deviations)
@@ -50,6 +51,19 @@ def test_slopes_and_linearisation_error_of_known_functions(gliding_task, effect,
     np.testing.assert_allclose(linear.bends, bend * np.linalg.norm(paths, axis=2), atol=1e-9)
     up, down = (side[:, E] for side in linear.one_sided)
     np.testing.assert_allclose(0.5 * (up + down), slope * paths, atol=1e-9)
+
+
+def test_what_is_known_well_has_the_slopes_of_a_rough_function_over_a_wider_step(gliding_task):
+    # f(e) = e + a sin(k e) has the derivative 1 + a k cos(k e), here up to 2. Over ±h its slope
+    # differs from 1 by a / h at most.
+    amplitude, frequency, step = 1e-6, 1e6, SMALLEST_PARAMETER_DIFFERENCE
+    task = gliding_task([0.5], effect=lambda e: e + amplitude * np.sin(frequency * e))
+    linear, block, velocities = linearised(task, deviation=1e-9)
+    paths = velocities[:, None] * block.times[..., None]
+    error = np.abs(linear.slopes[:, E] - paths)
+    assert (error <= amplitude / step * np.abs(paths) + 1e-9).all()
+    # Both sides differ by 2 a / h at most, half of which counts over the 2 h that are looked at.
+    assert linear.bends.max() <= 2.0 * amplitude * np.linalg.norm(paths, axis=2).max()
 
 
 def test_initial_positions_move_all_points(gliding_task):

@@ -16,12 +16,12 @@ from intuitive_physics_learner import LearningOptions
 from intuitive_physics_learner.given_parameters import FIXED, PRIOR, given_parameters
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
 from intuitive_physics_learner.online import fits, online_learner
-from intuitive_physics_learner.online.information import Information
 from intuitive_physics_learner.online.online_learner import OnlineLearner
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.publication import FEWEST_COMPARED
 from intuitive_physics_learner.online.stored_online_learning import StoredOnlineLearning
+from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, Assessment
 from intuitive_physics_learner.stored_learning import learn_from_store
 
@@ -77,7 +77,7 @@ def test_retired_observations_still_count(stream):
     state = learner.state
     assert len(state.window) == OPTIONS.window
     place = parameter_names(state.materials).index("restitution[ball, floor]")
-    everything = state.posterior.matrix[place, place]
+    everything = state.posterior.precision[place, place]
     of_window = sum(
         member.weight
         * member.likelihood.information[list(member.likelihood.parameters).index(place)][-1]
@@ -99,7 +99,7 @@ def test_a_disturbed_throw_is_set_aside_and_changes_nothing(event_driven, throws
         OnlineState.from_json(stream[0].state.to_json()),
         stream[0].kept_observations,
     )
-    before, information = learner.state.published, learner.state.posterior.matrix.copy()
+    before, information = learner.state.published, learner.state.posterior.precision.copy()
     (observation,) = noisy_throws(throws, 1, 77)
     (assessment,) = learner.learn_from_all([kicked(observation)])
     assert (assessment.id, assessment.status) == (observation.id, DOUBTFUL)
@@ -109,7 +109,9 @@ def test_a_disturbed_throw_is_set_aside_and_changes_nothing(event_driven, throws
     assert restitution(learner.state.published)[0] == pytest.approx(
         restitution(before)[0], abs=2.0 * restitution(before)[1]
     )
-    assert np.diag(learner.state.posterior.matrix) == pytest.approx(np.diag(information), rel=0.5)
+    assert np.diag(learner.state.posterior.precision) == pytest.approx(
+        np.diag(information), rel=0.5
+    )
 
 
 @pytest.mark.parametrize("recalls", [False, True])
@@ -147,9 +149,10 @@ def test_what_has_moved_far_is_published_after_it_has_won(event_driven, throws, 
     state = learner.state
     version = state.published.version
     # One of the two knows the truth, and all that the other one knows is far from it.
-    far = np.where(state.posterior.matrix.diagonal() > 0.0, 0.5, 0.0)
-    moved = state.posterior if wrong == "challenger" else state.published_information
-    moved.vector += moved.matrix @ far
+    far = np.where(state.posterior.precision.diagonal() > 0.0, 0.5, 0.0)
+    name = "posterior" if wrong == "challenger" else "published_information"
+    before = getattr(state, name)
+    setattr(state, name, Gaussian(before.precision, before.pull + before.precision @ far))
     state.unit = np.clip(state.prior.mean, 0.0, 1.0)
     for observation in observed[6:]:
         learner._publish()
@@ -182,12 +185,12 @@ def test_forgets_with_the_time_constant(event_driven, throws):
     learner = OnlineLearner(event_driven, OnlineOptions(window=6, time_constant=10.0))
     (first,) = noisy_throws(throws, 1, 3)
     learner.learn_from(first)
-    matrix = learner.state.posterior.matrix.copy()
+    matrix = learner.state.posterior.precision.copy()
     learner._forget_until(first.start_time + 10.0)
-    assert learner.state.posterior.matrix == pytest.approx(matrix / np.e)
+    assert learner.state.posterior.precision == pytest.approx(matrix / np.e)
     # An observation that is older than the last one makes nothing younger.
     learner._forget_until(first.start_time)
-    assert learner.state.posterior.matrix == pytest.approx(matrix / np.e)
+    assert learner.state.posterior.precision == pytest.approx(matrix / np.e)
 
 
 def later(observation, seconds):
@@ -203,7 +206,7 @@ def test_what_is_published_forgets_with_the_time_constant(glide, gliding):
     # another restitution is nearly all that is known, and three more predict by it. No change is
     # looked for.
     generator = np.random.default_rng(14)
-    options = OnlineOptions(window=24, time_constant=100.0, false_alarm_rate=1e-12)
+    options = OnlineOptions(window=24, time_constant=100.0, false_alarm_rate=0.0)
     learner = OnlineLearner(glide, options)
     published = [
         restitution(learner.learn_from(later(gliding(generator, e), 1000.0 * k)))[0]
@@ -212,6 +215,20 @@ def test_what_is_published_forgets_with_the_time_constant(glide, gliding):
     assert published[7] == pytest.approx(0.8, abs=0.02)
     assert published[12:] == pytest.approx(4 * [0.6], abs=0.02)
     assert len(learner.state.kept) == len(learner.kept_observations) == 1
+
+
+def test_a_change_is_followed_by_forgetting_alone(glide, gliding):
+    # Ten observations to a time constant: of 15 before the change 10 (1 - e⁻¹·⁵) = 7.8 are
+    # remembered, and 7.8 e^(-n/10) < 10 (1 - e^(-n/10)) from the sixth after it on.
+    generator = np.random.default_rng(15)
+    options = OnlineOptions(window=24, time_constant=100.0, false_alarm_rate=0.0)
+    learner = OnlineLearner(glide, options)
+    published = [
+        restitution(learner.learn_from(later(gliding(generator, e), 10.0 * k)))[0]
+        for k, e in enumerate(15 * [0.8] + 8 * [0.6])
+    ]
+    assert published[:18] == pytest.approx(18 * [0.8], abs=0.02)
+    assert published[21:] == pytest.approx(2 * [0.6], abs=0.02)
 
 
 def test_a_floor_that_was_waxed_is_noticed(event_driven, gliding, glide):
@@ -296,13 +313,13 @@ def test_what_is_gone_counts_while_it_agrees_with_a_refit(glide, gliding, away):
     learner.learn_from_all([gliding(generator, 0.8) for _ in range(7)])
     state = learner.state
     place = parameter_names(state.materials).index("restitution[ball, floor]")
-    mean, matrix = state.unit.copy(), np.zeros_like(state.posterior.matrix)
+    mean, matrix = state.unit.copy(), np.zeros_like(state.posterior.precision)
     mean[place] -= away
-    matrix[place, place] = state.posterior.matrix[place, place]
-    state.retired.join(Information.about(mean, matrix))
+    matrix[place, place] = state.posterior.precision[place, place]
+    state.retired = state.retired.joined(Gaussian.about(mean, matrix))
     learner.learn_from(gliding(generator, 0.8))
     assert restitution(state.published)[0] == pytest.approx(0.8, abs=0.01)
-    assert bool(state.retired.matrix[place, place]) == (away == 0.0)
+    assert bool(state.retired.precision[place, place]) == (away == 0.0)
 
 
 @pytest.mark.parametrize("text", ["", "{}", '{"format": "other"}', "[1]", '{"format": 3}'])
@@ -471,7 +488,7 @@ def test_a_prior_counts_as_the_inverse_of_its_variance(glide, gliding):
     free.learn_from_all(observations)
     value, deviation = restitution(free.state.published)
     place = parameter_names(free.state.materials).index("restitution[ball, floor]")
-    information = free.state.posterior.matrix[place, place]
+    information = free.state.posterior.precision[place, place]
     slope = free.state.space.slopes(free.state.unit)[place, place]
     deviation = slope / np.sqrt(information)
     prior = given_restitution(value + 2.0 * deviation, deviation, PRIOR)
@@ -487,11 +504,11 @@ def test_a_prior_counts_as_the_inverse_of_its_variance(glide, gliding):
 def test_given_knowledge_is_not_forgotten(glide, gliding):
     learner = OnlineLearner(glide, OnlineOptions(window=6, time_constant=10.0))
     learner.adopt(replace(given_restitution(0.5, 0.01, PRIOR), version=1), informed=True)
-    matrix = learner.state.retired.matrix.copy()
+    matrix = learner.state.retired.precision.copy()
     learner._forget_until(0.0)
     learner._forget_until(1000.0)
     assert matrix.any()
-    assert learner.state.retired.matrix == pytest.approx(matrix)
+    assert learner.state.retired.precision == pytest.approx(matrix)
 
 
 def test_an_unreadable_row_is_passed_over(store, glide, gliding):

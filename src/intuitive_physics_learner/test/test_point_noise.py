@@ -12,9 +12,13 @@ from intuitive_physics.scene import Environment, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_learner.joint_estimation.normal_equations import NormalEquations, Posterior
+from intuitive_physics_learner.joint_estimation.normal_equations import (
+    NormalEquations,
+    joint_posterior,
+)
 from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
 from intuitive_physics_learner.joint_estimation.point_noise import detected, track_noises
+from intuitive_physics_learner.search.gaussian import Gaussian
 
 G = np.array([0.0, 0.0, -9.81])
 
@@ -103,10 +107,12 @@ def test_shared_errors_do_not_average_out():
     slopes = np.array([beta, 1.0]) / sigma
     hessian = np.tile(np.outer(slopes, slopes) + np.diag([1.0, 0.0]), (count, 1, 1))
     zero = np.zeros((count, 1), dtype=np.int64)
-    equations = NormalEquations(zero, 1, hessian, np.zeros((count, 2)), np.ones(count))
+    every, ones = np.arange(count), np.ones(count)
+    equations = NormalEquations(every, zero, 1, hessian, np.zeros((count, 2)))
     common = equations.with_common(zero, 1).eliminated()
-    precision = np.diag([1e-12, 1.0])
-    covariance = Posterior.of([common], precision).covariance
+    prior = Gaussian.about(np.zeros(2), np.diag([1e-12, 1.0]))
+    covariance = joint_posterior(prior, prior.mean, [common], ones).covariance
     assert covariance[0, 0] == pytest.approx(sigma**2 / count + beta**2, rel=1e-6)
-    apart = Posterior.of([equations.eliminated()], precision[:1, :1]).covariance
+    prior = prior.marginal(np.array([0]))
+    apart = joint_posterior(prior, prior.mean, [equations.eliminated()], ones).covariance
     assert apart[0, 0] == pytest.approx((sigma**2 + beta**2) / count, rel=1e-6)

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings, several_starts
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
 from intuitive_physics_learner.joint_estimation.joint_search import FEWEST_FOR_STARTS, JointSearch
@@ -19,7 +20,7 @@ from intuitive_physics_learner.joint_estimation.several_starts import (
     compared_evidences,
     drawn_starts,
 )
-from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
+from intuitive_physics_learner.search.gaussian import Gaussian
 
 E = 3
 """Index of the only parameter that has an effect."""
@@ -113,14 +114,14 @@ def test_continues_exactly(deceptive_task):
 def test_drawn_starts_fill_the_range_of_the_prior(seed, count, n, known):
     rng = np.random.default_rng(seed)
     mean = rng.random(n)
-    free = drawn_starts(GaussianPrior.uninformative(mean), count, rng)
+    free = drawn_starts(Gaussian.within_bounds(mean), count, rng)
     assert free.shape == (count, n)
     # One in each of as many equal parts of each parameter's range.
     np.testing.assert_array_equal(
         np.sort(np.floor(count * free.clip(max=1.0 - 1e-9)), axis=0),
         np.tile(np.arange(count)[:, None], n),
     )
-    narrow = GaussianPrior(mean, np.eye(n) * known**-2)
+    narrow = Gaussian.about(mean, np.eye(n) * known**-2)
     near = drawn_starts(narrow, count, rng)
     assert ((near >= 0.0) & (near <= 1.0)).all()
     assert (np.abs(near - mean) <= known * np.sqrt(UNIFORM_PRECISION) + 1e-12).all()
@@ -170,4 +171,4 @@ def test_votes_are_bounded_and_the_difference_of_two_is_clipped(drawn):
 def test_a_search_with_few_evaluations_has_one_start(deceptive_task, most, fits):
     search = JointSearch(deceptive_task, np.random.default_rng(0))
     search.plan(most)
-    assert len(search._staged._jointly.fits) == fits
+    assert len(search._staged.jointly.fits) == fits

@@ -19,7 +19,7 @@ from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, learn
 from intuitive_physics_learner.given_parameters import given_parameters
-from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import (
+from intuitive_physics_learner.joint_estimation.spin_evidence import (
     GRID,
     SpinEvidence,
     SpinLikelihood,

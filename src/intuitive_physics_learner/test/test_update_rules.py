@@ -145,38 +145,6 @@ def test_cma_es_ends_when_it_has_converged():
     assert bowl(points).min() < 1e-6
 
 
-def test_separable_cma_es_is_quicker_with_many_parameters():
-    # Axes of very unlike widths, which a diagonal covariance can express.
-    widths = np.geomspace(1.0, 100.0, 30)
-
-    def valley(points):
-        return ((widths * (points - 0.3)) ** 2).mean(axis=1)
-
-    lowest = {
-        name: valley(proposed(rule_of(name, size=30), 1000, costs=valley)).min()
-        for name in ("cma_es", "separable_cma_es")
-    }
-    assert lowest["separable_cma_es"] < 0.3 * lowest["cma_es"]
-
-
-def test_restarted_cma_es_leaves_a_local_optimum_and_resumes_after_that():
-    # A wide trough at 0.8, a narrow and deeper one at 0.1 that it does not lead to.
-    def troughs(points):
-        wide = 0.1 + np.abs(points - 0.8).mean(axis=1)
-        return np.minimum(wide, 3.0 * np.abs(points - 0.1).mean(axis=1))
-
-    start = [0.8, 0.8]
-    once = proposed(rule_of("cma_es", size=2, start=start), 20_000, costs=troughs)
-    assert troughs(once).min() > 0.05
-    rule = rule_of("restarted_cma_es", size=2, start=start)
-    again = proposed(rule, 6000, costs=troughs)
-    assert len(once) < len(again) == 6000
-    assert troughs(again).min() < 0.05
-    resumed = rule_of("restarted_cma_es", size=2, seed=1)
-    resumed.load_state(json.loads(json.dumps(rule.state_dict())))
-    assert (proposed(resumed, 100, costs=troughs) == proposed(rule, 100, costs=troughs)).all()
-
-
 def test_cma_es_without_pycma(monkeypatch):
     real = builtins.__import__
 

@@ -12,9 +12,9 @@ uniform p, as in genomic control (Devlin and Roeder 1999).
 
 After a search, observations are tested where their fits stop: up to there initial states are known
 from the points, and of all motions that go on from them undisturbed one should explain what comes
-next (`JointFit.lengths_beyond`). The scale is that of the observations themselves (`reassessed`):
-where θ_s is wrong, or the motion is so chaotic that none of the drawn motions explains it, no fit
-goes on, and none of the observations is at fault.
+next (`undisturbed_misfits`). The scale is that of the observations themselves (`reassessed`): where
+θ_s is wrong, or the motion is so chaotic that none of the motions explains it, none of the
+observations is at fault.
 """
 
 from __future__ import annotations
@@ -33,23 +33,21 @@ from intuitive_physics_learner.assessment.motion_laws import (
     flight_violation,
     jump_violation,
     rest_violation,
-    start_violation,
 )
 from intuitive_physics_learner.assessment.reasons import Reason
 from intuitive_physics_learner.assessment.tracks import Track, tracks_of
-from intuitive_physics_learner.joint_estimation.point_noise import (
-    MEDIAN_LENGTH_3,
-    detected,
-    track_noises,
-)
+from intuitive_physics_learner.joint_estimation.point_noise import detected, track_noises
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
 
 LEAST_POINTS = 3
 """Points of each object that are left in any case."""
 
-SMALLEST_STOP_SPREAD = 0.2
-"""Standard deviation at least of the logarithm of a misfit: the median length of nine normal
-residuals has 0.13, two of three neighbouring medians apart."""
+NOISE_LOSS = 1.5
+"""Mean loss of a point of noise, half of χ² of three axes."""
+
+SMALLEST_MISFIT_SPREAD = 0.2
+"""Standard deviation at least of the logarithm of a misfit: of noise, the largest of the mean
+losses of ten to twenty segments of six points has 0.14 to 0.17, and motions are drawn at random."""
 
 SMALLEST_LOG_P = -25.0
 """Logarithm of a p value at least: no noise model holds further out."""
@@ -124,25 +122,25 @@ def assess_observations(
 
 def reassessed(
     assessments: Sequence[Assessment],
-    lengths: NDArray[np.float64],
+    misfits: NDArray[np.float64],
     times: NDArray[np.float64],
     trusted: Collection[str] = (),
 ) -> tuple[Assessment, ...]:
     """Assess also by what the undisturbed motions that a search found leave unexplained.
 
-    The logarithms of the lengths are normal where observations are good, about their median and
+    The logarithms of the misfits are normal where observations are good, about their median and
     with the spread from there to their 84 % quantile, which a share of disturbed ones below 16 %
     does not move.
 
-    `lengths` (n,) σ, of residuals just beyond where each fit stops, of the motion that explains
-    most; NaN where it does not stop; `times` (n,) s after the start, where these are.
+    `misfits` (n,) losses per point where each is explained worst; NaN where the fit includes all
+    points; `times` (n,) s after the start, where that is.
     """
     rest = np.flatnonzero([assessment.status == USED for assessment in assessments])
     if rest.size == 0:
         return tuple(assessments)
-    sizes = np.log(np.maximum(np.nan_to_num(lengths[rest], nan=MEDIAN_LENGTH_3), MEDIAN_LENGTH_3))
+    sizes = np.log(np.maximum(np.nan_to_num(misfits[rest], nan=NOISE_LOSS), NOISE_LOSS))
     middle, upper = np.quantile(sizes, [0.5, norm.cdf(1.0)])
-    spread = max(float(upper - middle), SMALLEST_STOP_SPREAD)
+    spread = max(float(upper - middle), SMALLEST_MISFIT_SPREAD)
     scores = (sizes - middle) / spread
     weights = good_probabilities(norm.logsf(scores))
     results = list(assessments)
@@ -191,7 +189,7 @@ def _cut(observed: ObservedObject, until: float, start: float) -> ObservedObject
 
 
 def _violations(tracks: Sequence[Track]) -> list[Violation]:
-    laws = (jump_violation, flight_violation, rest_violation, start_violation)
+    laws = (jump_violation, flight_violation, rest_violation)
     violations = [law(track) for track in tracks for law in laws]
     return [violation for violation in violations if violation is not None]
 

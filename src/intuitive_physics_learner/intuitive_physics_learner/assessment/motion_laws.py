@@ -1,7 +1,7 @@
 """Laws of motion that hold for every θ_s, tested on tracks.
 
 What touches nothing is in free flight. Whatever is touched, positions are continuous. What rests
-does so at one of the heights of its shape, and stays there.
+does so at one of the heights of its shape.
 """
 
 from __future__ import annotations
@@ -47,16 +47,6 @@ SIDE_GAP = 0.1
 REST_POINTS = 24
 """Points over which an object rests."""
 
-START_POINTS = 12
-"""Points after these over which its mean position is taken: 0.4 s at 30 Hz."""
-
-START_DURATION = 2.0
-"""Longest time of all these points together, s."""
-
-SLOW_WAY = 0.1
-"""Way that what almost rests may go on meanwhile, m: set by hand on the sets of seeds 100 to 121,
-whose good throws go on by 0.12 m at most."""
-
 HEIGHT_ERROR = 0.05
 """Error of a resting object's height, of shape and plane, m."""
 
@@ -72,10 +62,6 @@ point that may be an outlier."""
 LARGEST_BEND = 3.0
 """Distance, in g Δt², of a step Δt from what velocities one interval away make of it: gravity makes
 1.5 of it over two intervals, and a ball that bounces with g Δt / 2 in each as much again."""
-
-OUTLIER_LENGTH = 6.4
-"""Distance in σ of a point from the mean of its neighbours from which on it is an outlier: noise
-has √1.5 σ on each axis, and exceeds this length with the probability of 4e-6."""
 
 
 def flight_violation(track: Track) -> Violation | None:
@@ -217,46 +203,6 @@ def _away(
             spread = noise[first] * np.sqrt((1.0 + ratio) ** 2 + ratio**2 + 1.0)
             smallest = np.minimum(smallest, np.maximum(off - bent, 0.0) / spread)
     return smallest
-
-
-def start_violation(track: Track) -> Violation | None:
-    """Test whether what rests stays where it is, as long as no other object is near that moves it.
-
-    What almost rests, a ball that rolls out or a box that balances, may still go on slowly.
-    """
-    before, after = REST_POINTS, START_POINTS
-    places = np.arange(before, len(track.times) - after + 1)
-    if places.size == 0 or not track.gravity.any():
-        return None
-    index = places[:, None] + np.arange(-before, after)
-    positions, noise = _without_outliers(track)[index], track.noise[index]
-    where = _steady(positions[:, :before], noise[:, :before])
-    where &= track.object_gaps[index].min(axis=1) > SIDE_GAP
-    # What hovers at the top of a bounce does not rest.
-    where &= track.support_gaps[index[:, :before]].max(axis=1) <= SIDE_GAP
-    where &= track.times[index[:, -1]] - track.times[index[:, 0]] <= START_DURATION
-    off = positions[:, before:].mean(axis=1) - positions[:, :before].mean(axis=1)
-    away = np.maximum(np.linalg.norm(off, axis=1) - SLOW_WAY, 0.0)
-    variances = (noise[:, :before] ** 2).mean(axis=1) / before
-    variances += (noise[:, before:] ** 2).mean(axis=1) / after
-    return violations_of(
-        chi2.logsf(away**2 / variances, 3)[where],
-        track.times[places - 1][where],
-        track.times[places + after - 1][where],
-        Reason.MOVED,
-    )
-
-
-def _without_outliers(track: Track) -> NDArray[np.float64]:
-    """Return positions (n, 3), in m, with points far from both neighbours put between these."""
-    between = 0.5 * (track.positions[:-2] + track.positions[2:])
-    off = np.linalg.norm(track.positions[1:-1] - between, axis=1)
-    smoothed = track.positions.copy()
-    far = np.flatnonzero(off > OUTLIER_LENGTH * track.noise[1:-1])
-    # Beside an outlier a point is far from the mean of its neighbours too, by half as much.
-    worst = [k for k in far if off[k] >= off[max(k - 1, 0) : k + 2].max()]
-    smoothed[1:-1][worst] = between[worst]
-    return smoothed
 
 
 def _steady(values: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[np.bool_]:

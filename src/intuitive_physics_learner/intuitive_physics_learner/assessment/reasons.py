@@ -9,7 +9,6 @@ class Reason(Enum):
     MISTRACKED = "mistracked"
     NOT_FREE = "not in free flight"
     HELD = "held"
-    MOVED = "moved from rest"
     UNEXPLAINED = "unexplained by any undisturbed motion"
     CONTRADICTORY = "in contradiction to what is known of its materials"
 

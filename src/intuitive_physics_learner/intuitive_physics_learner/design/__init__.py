@@ -4,7 +4,6 @@ from intuitive_physics_learner.design.expected_information import (
     ExpectedPosteriors,
     Reduction,
     expected_posteriors,
-    gaussian_covariance,
 )
 from intuitive_physics_learner.design.questions import AboutMotion, AboutParameters, Question
 from intuitive_physics_learner.design.settings import DesignSettings
@@ -33,7 +32,6 @@ __all__ = [
     "ThrownObject",
     "ViewingConditions",
     "expected_posteriors",
-    "gaussian_covariance",
     "suggest",
     "suggest_from_store",
 ]

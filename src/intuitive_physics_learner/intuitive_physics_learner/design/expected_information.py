@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.parameter_posterior import UNIFORM_PRECISION, ParameterPosterior
+from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cancellation import stop_if
 from intuitive_physics_learner.cost.cost_function import Cost, TrajectoryCost
@@ -49,6 +49,7 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     ObservationBlock,
     observation_blocks,
 )
+from intuitive_physics_learner.search.gaussian import Gaussian
 
 PARAMETER_STEP = 0.005
 """Width of the differences along parameters: small, as draws cover the posterior; set by hand."""
@@ -126,16 +127,6 @@ class Reduction:
         return -np.asarray(np.linalg.slogdet(left)[1])
 
 
-def gaussian_covariance(posterior: ParameterPosterior) -> NDArray[np.float64]:
-    """Covariance (n, n), widths², of the normal distribution that stands for a posterior.
-
-    Bounds and one-sided intervals count by the variance of a number that is uniform between them.
-    """
-    precision = posterior.information + UNIFORM_PRECISION * np.eye(posterior.mean.size)
-    lengths = np.nan_to_num(posterior.intervals[:, 1] - posterior.intervals[:, 0])
-    return np.asarray(np.linalg.inv(precision) + np.diag(lengths**2 / UNIFORM_PRECISION))
-
-
 def expected_posteriors(
     throws: Sequence[Throw],
     posterior: ParameterPosterior,
@@ -156,7 +147,7 @@ def expected_posteriors(
     influence = parameter_influence(observations, posterior.materials)
     blocks = observation_blocks(observations, influence)
     groups = separate_groups(influence)
-    space, covariance = posterior.space, gaussian_covariance(posterior)
+    space, covariance = posterior.space, Gaussian.of(posterior, bounded=True).covariance
     misses = [_execution_errors(throws, block, len(units), settings, rng) for block in blocks]
     steps = np.full(posterior.mean.size, 2.0 * PARAMETER_STEP)
     for block, missed in zip(blocks, misses, strict=True):

@@ -12,11 +12,11 @@ from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.design.expected_information import (
     expected_posteriors,
-    gaussian_covariance,
 )
 from intuitive_physics_learner.design.questions import Question
 from intuitive_physics_learner.design.settings import DesignSettings
 from intuitive_physics_learner.design.throws import Throw, ThrowOptions, ViewingConditions
+from intuitive_physics_learner.search.gaussian import Gaussian
 
 REFINEMENTS = (0.15, 0.05)
 """Standard deviations, parts of the ranges' widths, by which throws that are compared next differ
@@ -96,7 +96,7 @@ def suggest(
     """
     how = settings or DesignSettings()
     directions = question.directions(posterior, simulator, rng)
-    covariance = gaussian_covariance(posterior)
+    covariance = Gaussian.of(posterior, bounded=True).covariance
     units = posterior.draw(how.draws, rng)
     names, scales = zip(*question.functions(posterior), strict=True)
 

@@ -11,17 +11,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.fit_horizons import TrajectoryFits
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
 from intuitive_physics_learner.joint_estimation.normal_equations import (
-    OUTLIER_LENGTH,
     NormalEquations,
+    huber_weights,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
+from intuitive_physics_learner.joint_estimation.trajectory_model import Estimate, TrajectoryModel
 from intuitive_physics_learner.search.search_space import SearchSpace
 
 SCAN_LEVELS = (0.02, 0.14, 0.26, 0.38, 0.5, 0.62, 0.74, 0.86, 0.98)
@@ -32,35 +33,27 @@ SMALLEST_SCAN_GAIN = 3.0
 """Loss that a scanned value must gain to be taken: a likelihood ratio of e³ ≈ 20, hardly chance."""
 
 
-class ScanCandidates:
-    """θ_s in which the parameters of a group take one of their levels, the others stay.
+def scan_candidates(
+    unit: NDArray[np.float64],
+    groups: Sequence[NDArray[np.int64]],
+    space: SearchSpace,
+    levels: NDArray[np.float64],
+) -> tuple[list[StaticParameters], NDArray[np.int64]]:
+    """Return θ_s in which the parameters of a group take one of their levels, the others stay.
 
     `unit` (n,) the estimate on the unit cube; `groups` (n_members,) each, indices of parameters,
     as `separate_groups`; `levels` (n, n_levels) places on the unit interval of each parameter.
-
-    Attributes
-    ----------
-    levels : (n, n_levels) as given
-    parameters : the candidates
-    index : (n, n_levels) index of the candidate that gives each parameter each level
+    Returns the candidates, and (n, n_levels) index of the one that gives each parameter each level.
     """
-
-    def __init__(
-        self,
-        unit: NDArray[np.float64],
-        groups: Sequence[NDArray[np.int64]],
-        space: SearchSpace,
-        levels: NDArray[np.float64],
-    ) -> None:
-        self.levels = levels
-        self.parameters: list[StaticParameters] = []
-        self.index = np.zeros(self.levels.shape, dtype=np.int64)
-        for group in groups:
-            for k in range(self.levels.shape[1]):
-                self.index[group, k] = len(self.parameters)
-                moved = unit.copy()
-                moved[group] = self.levels[group, k]
-                self.parameters.append(space.to_parameters(moved))
+    candidates: list[StaticParameters] = []
+    index = np.zeros(levels.shape, dtype=np.int64)
+    for group in groups:
+        for k in range(levels.shape[1]):
+            index[group, k] = len(candidates)
+            moved = unit.copy()
+            moved[group] = levels[group, k]
+            candidates.append(space.to_parameters(moved))
+    return candidates, index
 
 
 def scanned_states(
@@ -68,19 +61,20 @@ def scanned_states(
     block: ObservationBlock,
     fits: TrajectoryFits,
     linear: Linearisation,
-    candidates: ScanCandidates,
+    candidates: Sequence[StaticParameters],
+    index: NDArray[np.int64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Fit the initial states of a block to each level of each of its parameters.
 
-    Returns `estimates` (q * n_levels, W, d) deviations from the observed initial states, in SI
-    units, the levels of one parameter after those of the other; `residuals` (q * n_levels, W, P, 3)
-    m.
+    `index` (n, n_levels) of the candidate that gives each parameter each level. Returns `estimates`
+    (q * n_levels, W, d) deviations from the observed initial states, in SI units, the levels of one
+    parameter after those of the other; `residuals` (q * n_levels, W, P, 3) m.
     """
-    estimate, until, outlier = fits.estimate, fits.horizons, OUTLIER_LENGTH
+    estimate, until = fits.estimate, fits.horizons
     count, d = estimate.shape
-    index = candidates.index[block.parameters].reshape(count, -1).T
+    index = index[block.parameters].reshape(count, -1).T
     tried = np.broadcast_to(estimate, (len(index), count, d))
-    residuals = residuals_at(cost, block, tried, candidates.parameters, index, until)
+    residuals = residuals_at(cost, block, tried, candidates, index, until)
     at_estimate = replace(linear, slopes=linear.slopes[:, :d])
     inner = NormalEquations.of(block, estimate, at_estimate, until).hessian
     slopes = np.einsum("wpij,wkpj->wkpi", block.whitening, at_estimate.slopes)
@@ -93,15 +87,47 @@ def scanned_states(
     for k, left in enumerate(residuals):
         reached = counted & np.isfinite(left).all(axis=2)
         left = block.whitened(np.where(reached[..., None], left, 0.0))
-        weights = np.minimum(1.0, outlier / np.maximum(np.linalg.norm(left, axis=2), 1e-12))
+        weights = huber_weights(np.linalg.norm(left, axis=2))
         target = (left * weights[..., None]).reshape(count, -1, 1)
         estimates[k] = estimate - (gains @ target)[..., 0] - shrinking
-    return estimates, residuals_at(cost, block, estimates, candidates.parameters, index, until)
+    return estimates, residuals_at(cost, block, estimates, candidates, index, until)
 
 
-def compatible_moves(
-    gains: NDArray[np.float64], influence: NDArray[np.bool_], least_gain: float
-) -> list[int]:
+def scanned(
+    model: TrajectoryModel,
+    estimate: Estimate,
+    linear: Sequence[Linearisation],
+    levels: ArrayLike,
+    weights: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+    """Try each parameter at each level.
+
+    `levels` (n_levels,) places on the unit interval, or (n, n_levels) of each parameter;
+    `weights` (n_observations,) of the observations. Returns `rises` (n, n_levels) change of the
+    loss, without a unit, of the prior and of the observations that each parameter influences;
+    `fitted` (q, n_levels, W, d) of each block, deviations from the observed initial states, in
+    SI units, fitted to the levels.
+    """
+    each = np.broadcast_to(levels, (estimate.unit.size, np.shape(levels)[-1]))
+    candidates, index = scan_candidates(estimate.unit, model.groups, model.space, each)
+    away = each - estimate.unit[:, None]
+    rises = model.prior.scores(estimate.unit)[:, None] * away
+    rises += 0.5 * np.diag(model.prior.precision)[:, None] * away**2
+    fitted = []
+    for (block, part), slopes in zip(model.parts(estimate), linear, strict=True):
+        states, residuals = scanned_states(model.cost, block, part, slopes, candidates, index)
+        model.count(block, part.horizons, 2 * len(states))
+        parameters = block.parameters.shape[1]
+        present = part.estimate[None], slopes.residuals[None]
+        here = part.losses(block, *present)
+        there = weights[block.members] * (part.losses(block, states, residuals) - here)
+        by_level = there.T.reshape(*block.parameters.shape, each.shape[1])
+        np.add.at(rises, block.parameters, by_level)
+        fitted.append(states.reshape(parameters, each.shape[1], *part.estimate.shape))
+    return rises, fitted
+
+
+def compatible_moves(gains: NDArray[np.float64], influence: NDArray[np.bool_]) -> list[int]:
     """Choose parameters to move, the most gainful first, no two of which share an observation.
 
     `gains` (n,) by which moving each alone lowers the loss, in the unit of the loss; `influence`
@@ -111,7 +137,7 @@ def compatible_moves(
     chosen: list[int] = []
     occupied = np.zeros(len(influence), dtype=bool)
     for parameter in np.argsort(-gains, kind="stable"):
-        if gains[parameter] < least_gain:
+        if gains[parameter] < SMALLEST_SCAN_GAIN:
             break
         if not (occupied & influence[:, parameter]).any():
             chosen.append(int(parameter))

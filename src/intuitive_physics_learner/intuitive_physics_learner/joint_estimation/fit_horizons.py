@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 from scipy.stats import binom, chi
 
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
-from intuitive_physics_learner.joint_estimation.normal_equations import OUTLIER_LENGTH, robust_loss
+from intuitive_physics_learner.joint_estimation.normal_equations import robust_loss
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
 
 LARGEST_STATE_DEVIATION = 0.3
@@ -71,8 +71,7 @@ class TrajectoryFits:
         and amounts of shared errors
     deviations : (W, d) standard deviation of each, in SI units
     horizons : (W,) s, the last time of each observation that is fitted
-    misfits : (W,) consecutive steps in which each had a misfit
-    weights : (W,) with which each counts in what it says of θ_s
+    misfits : (W,) whether each had a misfit in the last step
     farthest : (W,) s, the largest horizon that each has had
     retreats : (W,) how often each has retreated since
     """
@@ -80,21 +79,19 @@ class TrajectoryFits:
     estimate: NDArray[np.float64]
     deviations: NDArray[np.float64]
     horizons: NDArray[np.float64]
-    misfits: NDArray[np.int64]
-    weights: NDArray[np.float64]
+    misfits: NDArray[np.bool_]
     farthest: NDArray[np.float64]
     retreats: NDArray[np.int64]
 
     @staticmethod
-    def initial(block: ObservationBlock, weights: NDArray[np.float64]) -> TrajectoryFits:
-        """Return the observed initial states with the first horizons, and given weights (W,)."""
+    def initial(block: ObservationBlock) -> TrajectoryFits:
+        """Return the observed initial states with the first horizons."""
         count = block.members.size
         return TrajectoryFits(
             np.zeros_like(block.prior_deviations),
             np.minimum(block.prior_deviations, LARGEST_STATE_DEVIATION),
             first_horizons(block),
-            np.zeros(count, dtype=np.int64),
-            weights,
+            np.zeros(count, dtype=bool),
             np.zeros(count),
             np.zeros(count, dtype=np.int64),
         )
@@ -113,7 +110,7 @@ class TrajectoryFits:
         lengths = np.linalg.norm(block.whitened(residuals), axis=3)
         lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
         counted = block.times <= self.horizons[:, None]
-        fit = (robust_loss(lengths, OUTLIER_LENGTH) * counted).sum(axis=2)
+        fit = (robust_loss(lengths) * counted).sum(axis=2)
         return fit + 0.5 * ((estimates / block.prior_deviations) ** 2).sum(axis=2)
 
     def draws(
@@ -134,31 +131,35 @@ class TrajectoryFits:
         block: ObservationBlock,
         residuals: NDArray[np.float64],
         goals: NDArray[np.float64],
-        misfit_patience: int,
-    ) -> tuple[bool, int]:
-        """Move horizons to their goals; where a misfit has lasted too long, to before it.
+    ) -> bool:
+        """Move horizons to their goals; where there is a misfit, to before it.
 
         One that has retreated `MOST_RETREATS` times and got no farther stays.
 
         `residuals` (W, P, 3) m, of the present estimate; `goals` (W,) s, to which horizons may
-        advance. Returns `farther`: whether any horizon got farther than before; `misfits`: number
-        of observations with a misfit.
+        advance. Returns whether any horizon got farther than before.
         """
-        starts = misfit_starts(block, residuals, self.horizons)
-        misfit = np.isfinite(starts)
-        self.misfits = np.where(misfit, self.misfits + 1, 0)
-        back = self.misfits >= misfit_patience
-        self.misfits[back] = 0
-        self.retreats[back] += 1
+        starts = self.note_misfits(block, residuals)
+        self.retreats[self.misfits] += 1
         before = self.horizons
-        stays = misfit | (self.retreats >= MOST_RETREATS)
-        self.horizons = np.where(stays, before, goals)
+        self.horizons = np.where(self.retreats >= MOST_RETREATS, before, goals)
         retreat = np.maximum(starts - RETREAT, first_horizons(block))
-        self.horizons = np.where(back, np.minimum(retreat, before), self.horizons)
+        self.horizons = np.where(self.misfits, np.minimum(retreat, before), self.horizons)
         farther = self.horizons > self.farthest
         self.retreats[farther] = 0
         self.farthest = np.maximum(self.farthest, self.horizons)
-        return bool(farther.any()), int(misfit.sum())
+        return bool(farther.any())
+
+    def note_misfits(
+        self, block: ObservationBlock, residuals: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Note which fits fail; return when each begins to, (W,) s, as `misfit_starts`.
+
+        `residuals` (W, P, 3) m, of the present estimate.
+        """
+        starts = misfit_starts(block, residuals, self.horizons)
+        self.misfits = np.isfinite(starts)
+        return starts
 
     def state(self) -> dict[str, Any]:
         """Return plain data from which `load_state` restores these fits."""
@@ -246,31 +247,3 @@ def misfit_starts(
     begins = np.take_along_axis(np.where(inside, block.times, np.inf), order, axis=1)
     failing = medians > misfit_length(window, order.shape[1], MISFIT_FALSE_ALARM)
     return np.where(failing, begins[:, : medians.shape[1]], np.inf).min(axis=1)
-
-
-def lengths_beyond(
-    block: ObservationBlock,
-    residuals: NDArray[np.float64],
-    horizons: NDArray[np.float64],
-    ends: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return how far observations are from a motion just beyond their horizons.
-
-    `residuals` (W, P, 3) m, of that motion; `horizons` (W,) s; `ends` (W,) s, up to which points
-    count. Returns `lengths` (W,) σ, the largest median length of neighbouring residuals; NaN where
-    a horizon includes all points; `times` (W,) s, at which these neighbours begin.
-    """
-    beyond = (block.times > horizons[:, None]) & (block.times <= ends[:, None])
-    lengths = np.linalg.norm(block.whitened(residuals), axis=2)
-    lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
-    distances, times = np.full((2, len(horizons)), np.nan)
-    for row in np.flatnonzero(beyond.any(axis=1)):
-        inside = np.flatnonzero(beyond[row])
-        inside = inside[np.argsort(block.times[row, inside], kind="stable")]
-        window = min(MISFIT_POINTS, inside.size)
-        medians = np.median(
-            np.lib.stride_tricks.sliding_window_view(lengths[row, inside], window), axis=1
-        )
-        worst = int(np.argmax(medians))
-        distances[row], times[row] = medians[worst], block.times[row, inside[worst]]
-    return distances, times

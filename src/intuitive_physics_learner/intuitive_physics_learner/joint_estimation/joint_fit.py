@@ -12,31 +12,33 @@ from numpy.typing import NDArray
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.joint_estimation.coordinate_scan import (
     SCAN_LEVELS,
-    SMALLEST_SCAN_GAIN,
     compatible_moves,
+    scanned,
 )
-from intuitive_physics_learner.joint_estimation.fit_horizons import (
-    advanced_horizons,
-    lengths_beyond,
-)
-from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import (
-    SpinEvidence,
-    SpinLikelihood,
-)
+from intuitive_physics_learner.joint_estimation.fit_horizons import advanced_horizons
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
-from intuitive_physics_learner.joint_estimation.local_likelihood import (
-    LocalLikelihood,
-    local_likelihoods,
-)
 from intuitive_physics_learner.joint_estimation.normal_equations import (
-    AGREEMENT_FREEDOM,
+    Elimination,
+    LocalLikelihood,
     NormalEquations,
     agreement_weights,
     bounded_step,
+    joint_posterior,
+    reduced_equations,
 )
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
+from intuitive_physics_learner.joint_estimation.settings import (
+    FIXED_HORIZONS,
+    JointEstimationSettings,
+)
+from intuitive_physics_learner.joint_estimation.spin_evidence import (
+    SpinEvidence,
+    SpinLikelihood,
+)
+from intuitive_physics_learner.joint_estimation.spin_search import other_spins
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
-from intuitive_physics_learner.search.learning_task import FitTask, GaussianPrior
+from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.search.learning_task import FitTask
 
 HELD_STEPS = 3
 """Steps of initial states alone by which two θ_s are compared; set by hand."""
@@ -71,15 +73,6 @@ SETTLED_STEPS = 2
 SMALLEST_RESPONSE = 1e-9
 """m per width of a parameter; a slope below this is rounding."""
 
-SECONDS_BEYOND = 1.0
-"""Time beyond its horizon up to which an observation is compared with undisturbed motions, s: set
-by hand. A horizon retreats to 0.3 s before a disturbance, and what a hand carries off is far away
-half a second later; 1.5 s found the same throws of seven sets."""
-
-DRAWS_BEYOND = 64
-"""Undisturbed motions with which it is compared; 512 found no more of 56 disturbed throws of
-boxes."""
-
 HELD_PRECISION = 1e12
 """Per width², of a parameter that is held: it moves by rounding alone."""
 
@@ -103,22 +96,31 @@ class ObservationFit:
 class JointFit:
     """Fits all trajectories, each from an initial state of its own and up to its fit horizon.
 
+    `blocks` the stated ones of a model of the same observations; None: they are made.
+
     Attributes
     ----------
     prior : that of the task
     settings : as given
     model : simulates near the estimate, and counts simulations
     estimate : θ_s, initial states and fit horizons
+    weights : (n_observations,) with which each counts in what it says of θ_s, since the last step
     steps : taken so far
     misfits : share of the observations with a misfit in the last step
     responsive : (n,) bool, which parameters any of the fitted points depends on
     """
 
-    def __init__(self, task: FitTask, settings: JointEstimationSettings) -> None:
+    def __init__(
+        self,
+        task: FitTask,
+        settings: JointEstimationSettings,
+        blocks: list[ObservationBlock] | None = None,
+    ) -> None:
         self.settings = settings
         self.prior = task.prior
-        self.model = TrajectoryModel(task, settings)
+        self.model = TrajectoryModel(task, settings.largest_advance, blocks)
         self.estimate = self.model.initial_estimate()
+        self.weights = task.weights
         self.responsive = np.zeros(self.unit.size, dtype=bool)
         self._damping = FIRST_DAMPING
         self._settled = 0
@@ -141,19 +143,19 @@ class JointFit:
         return self._settled >= SETTLED_STEPS
 
     @property
+    def _fixed(self) -> bool:
+        """Whether fit horizons and the spread of initial spins stay as they are given."""
+        return self.settings.largest_advance == 0.0
+
+    @property
     def held_simulations(self) -> float:
         """Simulations of single observations that `return_if_better` takes, about."""
         each = self.model.simulations / max(self.steps, 1)
         return 3 * (HELD_STEPS + 1) * each
 
-    @property
-    def beyond_simulations(self) -> int:
-        """Simulations of single observations that `lengths_beyond` takes."""
-        return DRAWS_BEYOND * len(self.model.cost.observations)
-
     def likelihoods(self, *, look_for_spins: bool = False) -> list[LocalLikelihood]:
         """Return the likelihood of θ_s near the estimate, of each observation."""
-        likelihoods = local_likelihoods(self.model, self.estimate)
+        likelihoods = self.model.likelihoods(self.estimate, self.weights)
         if look_for_spins:
             for member, spins in self._other_spins().items():
                 likelihoods[member] = replace(likelihoods[member], spins=spins)
@@ -165,12 +167,11 @@ class JointFit:
         Each counts by its weight; one with another spin, which θ_s explains farther, in full.
         """
         evidence, likelihoods, others = SpinEvidence(), self.likelihoods(), self._other_spins()
-        for block, part in zip(self.model.blocks, self.estimate.fits, strict=True):
-            for member, weight in zip(block.members.tolist(), part.weights, strict=True):
-                if member in others:
-                    evidence.add_all(others[member])
-                else:
-                    evidence.add_all(likelihoods[member].spins, float(weight))
+        for member, weight in enumerate(self.weights.tolist()):
+            if member in others:
+                evidence.add_all(others[member])
+            else:
+                evidence.add_all(likelihoods[member].spins, weight)
         return evidence
 
     def observation_fits(self) -> list[ObservationFit]:
@@ -182,38 +183,23 @@ class JointFit:
         }
         return [fits[member] for member in range(len(fits))]
 
-    def lengths_beyond(
-        self, generator: np.random.Generator
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return how far observations are from all undisturbed motions just beyond their horizons.
+    def state_draws(self, generator: np.random.Generator, count: int) -> NDArray[np.float64]:
+        """Draw initial states from their posterior by the points up to the fit horizons.
 
-        Where motion is chaotic, that of the estimate may soon be another one than what was
-        observed. So initial states are drawn from their posterior, by the points up to the horizon,
-        and of each observation the draw counts that explains most.
-
-        Returns `lengths` (n_observations,) σ, as `fit_horizons.lengths_beyond`; `times`
-        (n_observations,) s, where that is.
+        Returns (n_observations, count, objects, 13) in SI units, as `ObjectState.to_vector`; the
+        first of each is the estimate.
         """
         model, estimate = self.model, self.estimate
-        linear = model.linearised(estimate)
-        equations = model.equations(estimate, linear)
-        posterior, eliminated = model.posterior(equations)
-        here = [model.space.to_parameters(self.unit)]
-        beyond = np.full((2, len(model.cost.observations)), np.nan)
-        for whole, fits, equation, left in zip(
+        equations = model.equations(estimate, model.linearised(estimate))
+        posterior, eliminated = model.posterior(estimate, equations, self.weights)
+        objects = int(model.cost.trajectory_object.max()) + 1
+        states = np.empty((len(model.cost.observations), count, objects, 13))
+        for block, fits, equation, left in zip(
             model.blocks, estimate.fits, equations, eliminated, strict=True
         ):
-            until = np.minimum(fits.horizons + SECONDS_BEYOND, whole.durations)
-            block = whole.shortened(until)
-            covariances = posterior.state_covariances(equation, left)
-            draws = fits.draws(generator, covariances, DRAWS_BEYOND)
-            index = np.zeros((len(draws), 1), dtype=np.int64)
-            residuals = residuals_at(model.cost, block, draws, here, index, until)
-            model.simulations += len(draws) * block.members.size
-            losses = replace(fits, horizons=until).losses(block, draws, residuals)
-            best = residuals[np.argmin(losses, axis=0), np.arange(block.members.size)]
-            beyond[:, block.members] = lengths_beyond(block, best, fits.horizons, until)
-        return beyond[0], beyond[1]
+            draws = fits.draws(generator, equation.state_covariances(left, posterior), count)
+            states[block.members] = block.initial_states.states(draws.swapaxes(0, 1), objects)
+        return states
 
     def begin_at(
         self,
@@ -263,7 +249,7 @@ class JointFit:
     ) -> tuple[NDArray[np.float64], list[ObservationFit]]:
         """Fit initial states with θ_s held; return the loss (n_observations,) of each, and them."""
         model = self.model
-        fit = self._held_fit(model.task, unit, fits)
+        fit = self._held_fit(model.task, unit, fits, blocks=model.stated_blocks)
         losses = np.array([likelihood.loss for likelihood in fit.likelihoods()])
         model.simulations += fit.model.simulations
         return losses, fit.observation_fits()
@@ -274,13 +260,14 @@ class JointFit:
         unit: NDArray[np.float64],
         fits: Sequence[ObservationFit],
         spins: InitialSpins | None = None,
+        blocks: list[ObservationBlock] | None = None,
     ) -> JointFit:
         """Return a fit of initial states alone, up to fixed horizons.
 
         `unit` (n,) θ_s on the unit cube, which is held.
         """
-        prior = GaussianPrior(unit, HELD_PRECISION * np.eye(unit.size))
-        fit = JointFit(replace(task, prior=prior), self.settings.with_fixed_horizons())
+        prior = Gaussian.about(unit, HELD_PRECISION * np.eye(unit.size))
+        fit = JointFit(replace(task, prior=prior), FIXED_HORIZONS, blocks)
         fit.model.widen_spins(spins or InitialSpins())
         fit.begin_at(unit, prior.deviations, fits)
         for _ in range(HELD_STEPS):
@@ -293,7 +280,7 @@ class JointFit:
         θ_s and all other initial states stay as they are: a spin that is wrong does no harm there.
         """
         model, fits = self.model, self.observation_fits()
-        others = model.other_spins(self.estimate)
+        others = other_spins(model, self.estimate)
         if not others:
             return {}
         members = np.array(sorted(others))
@@ -302,7 +289,7 @@ class JointFit:
         likelihoods = fit.likelihoods()
         explained = np.zeros(members.size, dtype=bool)
         for block, part in fit.model.parts(fit.estimate):
-            explained[block.members] = part.misfits == 0
+            explained[block.members] = ~part.misfits
         return {int(members[k]): likelihoods[k].spins for k in np.flatnonzero(explained)}
 
     def step(self) -> None:
@@ -314,11 +301,14 @@ class JointFit:
         if self.steps in self.settings.scan_steps and self._leave_local_optima(linear):
             linear = self.model.linearised(self.estimate)
         self.steps += 1
-        equations = self._weighted_by_agreement(self.model.equations(self.estimate, linear))
+        equations = self.model.equations(self.estimate, linear)
+        eliminated = [each.eliminated() for each in equations]
+        agreement = agreement_weights(self.prior, self.unit, eliminated, self.weights)
+        self.weights = self.model.task.weights * agreement
         self._note_responses(linear)
-        goals, evidence = self._predict_beyond_horizons(linear, equations)
+        goals, evidence = self._predict_beyond_horizons(linear, equations, eliminated)
         self._take_best_damped_step(equations, goals)
-        if self.settings.widens_spins:
+        if not self._fixed:
             self.model.widen_spins(evidence.initial_spins())
 
     def state(self) -> dict[str, Any]:
@@ -332,6 +322,7 @@ class JointFit:
             "misfits": self.misfits,
             "steps": self.steps,
             "responsive": self.responsive.tolist(),
+            "weights": self.weights.tolist(),
             "spins": self.model.spins.to_dict(),
             "fits": [part.state() for part in self.estimate.fits],
         }
@@ -346,32 +337,10 @@ class JointFit:
         self.misfits = state["misfits"]
         self.steps = state["steps"]
         self.responsive = np.array(state["responsive"])
+        self.weights = np.array(state["weights"])
         self.model.widen_spins(InitialSpins.from_dict(state["spins"]))
         for part, saved in zip(self.estimate.fits, state["fits"], strict=True):
             part.load_state(saved)
-
-    def _weighted_by_agreement(self, equations: list[NormalEquations]) -> list[NormalEquations]:
-        """Let each observation count the less, the less it agrees with the others."""
-        posterior, eliminated = self.model.posterior(equations)
-        scores = self.prior.scores(self.unit)
-        for part in eliminated:
-            np.add.at(scores, part.parameters, part.scores)
-        all_weights = agreement_weights(
-            eliminated,
-            [each.weights for each in equations],
-            posterior,
-            -posterior.covariance @ scores,
-            AGREEMENT_FREEDOM,
-        )
-        given = self.model.task.weights
-        for block, fits, weights in zip(
-            self.model.blocks, self.estimate.fits, all_weights, strict=True
-        ):
-            fits.weights = given[block.members] * weights
-        return [
-            replace(each, weights=fits.weights)
-            for each, fits in zip(equations, self.estimate.fits, strict=True)
-        ]
 
     def _note_responses(self, linear: Sequence[Linearisation]) -> None:
         for block, slopes in zip(self.model.blocks, linear, strict=True):
@@ -380,25 +349,28 @@ class JointFit:
             self.responsive[block.parameters[moving]] = True
 
     def _predict_beyond_horizons(
-        self, linear: Sequence[Linearisation], equations: Sequence[NormalEquations]
+        self,
+        linear: Sequence[Linearisation],
+        equations: Sequence[NormalEquations],
+        eliminated: Sequence[Elimination],
     ) -> tuple[list[NDArray[np.float64]], SpinEvidence]:
         """Take over the posterior's deviations.
 
         Returns `goals` (W,) of each block, s, how far its horizons may go; `evidence`: of how balls
         are thrown.
         """
-        posterior, eliminated = self.model.posterior(equations)
+        posterior = joint_posterior(self.prior, self.unit, eliminated, self.weights)
         self.estimate.deviations = posterior.deviations
         goals, evidence = [], SpinEvidence()
         for (block, part), slopes, equation, left in zip(
             self.model.parts(self.estimate), linear, equations, eliminated, strict=True
         ):
-            covariances = posterior.state_covariances(equation, left)
+            covariances = equation.state_covariances(left, posterior)
             spins = self.model.spin_likelihoods(block, part, covariances)
-            for likelihood, weight in zip(spins, part.weights, strict=True):
+            for likelihood, weight in zip(spins, self.weights[block.members], strict=True):
                 evidence.add_all(likelihood, float(weight))
             part.deviations = np.sqrt(np.einsum("wdd->wd", covariances))
-            spreads = posterior.spreads(slopes, equation, left)
+            spreads = equation.spreads(slopes, left, posterior)
             goals.append(
                 advanced_horizons(
                     block, slopes, spreads, part.horizons, self.settings.largest_advance
@@ -412,7 +384,12 @@ class JointFit:
         """Take the best of several damped steps, each initial state its own, and move horizons."""
         model = self.model
         estimates = [part.estimate for _, part in model.parts(self.estimate)]
-        units, states = proposals(self.unit, self.prior, estimates, equations, self._damping)
+        dampings = np.clip(
+            self._damping * np.array(DAMPING_FACTORS), SMALLEST_DAMPING, LARGEST_DAMPING
+        )
+        units, states = _proposals(
+            self.unit, self.prior, estimates, equations, self.weights, dampings
+        )
         candidates = [model.space.to_parameters(unit) for unit in units]
         # Each θ_s with the initial states that go with it, and with the present ones.
         index = np.concatenate([np.arange(len(units)), np.arange(1, len(units))])
@@ -425,13 +402,15 @@ class JointFit:
             )
             model.count(block, part.horizons, len(index))
             part_losses = part.losses(block, trying, residuals)
+            weights = self.weights[block.members]
             for u in range(len(units)):
-                losses[u] += (part.weights * part_losses[index == u].min(axis=0)).sum()
+                losses[u] += (weights * part_losses[index == u].min(axis=0)).sum()
             tried.append((trying, residuals, part_losses))
         best = int(np.argmin(losses))
         moved = np.abs(units[best] - self.unit) / self.estimate.deviations
         self.estimate.unit = units[best]
-        self._damping = next_damping(self._damping, best)
+        # Where no step was better, the next ones are damped most.
+        self._damping = float(dampings[best - 1])
         advanced = self._take_states(np.flatnonzero(index == best), tried, goals)
         settled = moved.max() < SETTLED_MOVE and not advanced
         self._settled = self._settled + 1 if settled else 0
@@ -453,20 +432,22 @@ class JointFit:
             pick = options[np.argmin(losses[options], axis=0)]
             every = np.arange(block.members.size)
             part.estimate = trying[pick, every]
-            farther, failing = part.advance(
-                block, residuals[pick, every], goal, self.settings.misfit_patience
-            )
-            advanced |= farther
-            misfits += failing
+            left = residuals[pick, every]
+            if self._fixed:
+                part.note_misfits(block, left)
+            else:
+                advanced |= part.advance(block, left, goal)
+            misfits += int(part.misfits.sum())
         self.misfits = misfits / len(self.model.cost.observations)
         return advanced
 
     def _leave_local_optima(self, linear: Sequence[Linearisation]) -> bool:
         """Move parameters to where on their range they fit better; return whether any moved."""
-        places = SCAN_LEVELS
-        rises, state_estimates = self.model.scanned(self.estimate, linear, places)
+        rises, state_estimates = scanned(
+            self.model, self.estimate, linear, SCAN_LEVELS, self.weights
+        )
         levels = np.argmin(rises, axis=1)
-        moves = compatible_moves(-rises.min(axis=1), self.model.task.influence, SMALLEST_SCAN_GAIN)
+        moves = compatible_moves(-rises.min(axis=1), self.model.task.influence)
         for (block, part), estimates in zip(
             self.model.parts(self.estimate), state_estimates, strict=True
         ):
@@ -474,48 +455,28 @@ class JointFit:
                 rows, columns = np.nonzero(block.parameters == parameter)
                 part.estimate[rows] = estimates[columns, levels[parameter], rows]
         unit = self.estimate.unit.copy()
-        unit[moves] = np.array(places)[levels[moves]]
+        unit[moves] = np.array(SCAN_LEVELS)[levels[moves]]
         self.estimate.unit = unit
         return bool(moves)
 
 
-def next_damping(damping: float, chosen: int) -> float:
-    """Return the damping of the next step after the proposal of that index was the best."""
-    factors = DAMPING_FACTORS
-    factor = factors[chosen - 1] if chosen > 0 else factors[-1]
-    return _clipped_damping(damping * factor)
-
-
-def proposals(
+def _proposals(
     unit: NDArray[np.float64],
-    prior: GaussianPrior,
+    prior: Gaussian,
     estimates: Sequence[NDArray[np.float64]],
     equations: Sequence[NormalEquations],
-    damping: float,
+    weights: NDArray[np.float64],
+    dampings: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
-    """Propose θ_s and initial states, at several dampings.
-
-    `unit` (n,) the present θ_s on the unit cube; `estimates` (W, d) of each block, deviations from
-    the observed initial states, in SI units. Returns `units` (c, n) points of the cube, the present
-    one first; `states` (c, W, d) of each block, deviations from the observed initial states, in SI
-    units, that go with them.
-    """
+    """Return θ_s (c, n), the present one first, and the initial states (c, W, d) of each block."""
     units = [unit]
     states = [[estimate] for estimate in estimates]
-    for factor in DAMPING_FACTORS:
-        step_damping = _clipped_damping(damping * factor)
-        information = prior.precision.copy()
-        scores = prior.scores(unit)
-        eliminated = [each.eliminated(step_damping) for each in equations]
-        for each in eliminated:
-            each.add_to(information, scores)
-        step = bounded_step(unit, information, scores, step_damping)
+    for damping in dampings.tolist():
+        eliminated = [each.eliminated(damping) for each in equations]
+        information, scores = reduced_equations(prior, unit, eliminated, weights)
+        step = bounded_step(unit, information, scores, damping)
         step = np.clip(step, -LARGEST_MOVE, LARGEST_MOVE)
         units.append(unit + step)
         for block_states, each in zip(states, eliminated, strict=True):
             block_states.append(block_states[0] + each.state_steps(step))
     return np.array(units), [np.array(block_states) for block_states in states]
-
-
-def _clipped_damping(damping: float) -> float:
-    return float(np.clip(damping, SMALLEST_DAMPING, LARGEST_DAMPING))

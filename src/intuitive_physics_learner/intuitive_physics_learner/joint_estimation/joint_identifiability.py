@@ -24,24 +24,39 @@ need they be bound by slopes.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRECISION
 from intuitive_physics.parameter_space import parameter_vector
+from intuitive_physics_learner.joint_estimation.coordinate_scan import scanned
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.normal_equations import reduced_equations
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
+from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.identifiability import (
     ONE_SIDED_DEVIATIONS,
     Identifiability,
     widened_information,
 )
 from intuitive_physics_learner.search.learning_task import LearningTask
-from intuitive_physics_learner.search.one_sided_intervals import UNIFORM
+from intuitive_physics_learner.search.one_sided_intervals import MOVE_GROWTH, UNIFORM
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
 from intuitive_physics_learner.search.search_space import ActiveSpace
+
+CURVATURE_WIDENING = 3.0
+"""Factor on the steps of the finite differences from which the posterior is computed; set by
+hand."""
+
+MOVE_ROUNDS = 8
+"""Rounds of moving a parameter outwards from the estimate, and of bisecting the end; set by
+hand."""
+
+LARGEST_MOVE_RISE = 4.5
+"""Rise of the loss up to which a move is plausible, that of three standard deviations: a fit may
+gain more than that of two by making a ball slip that does not; below the 6 of a parabola at 2 √3
+standard deviations."""
 
 FEWEST_OBSERVATIONS = 4
 """Observations from which on fits to two halves are compared: two in each half."""
@@ -64,24 +79,20 @@ SLOPE_STEP = 1e-5
 
 def joint_identifiability(
     staged: StagedFit,
-    spread: NDArray[np.float64],
     task: LearningTask,
     seconds_left: Callable[[], float] = lambda: np.inf,
 ) -> Identifiability:
-    """State what is identified and how well, after a fit has converged.
-
-    `spread` (n,) widths², by how much fits from other starts differ from it.
-    """
+    """State what is identified and how well, after a fit has converged."""
     fit, searched, active = staged.joint, task.searched, task.active
     parameters = searched.to_parameters(fit.unit)
     began = seconds_left()
-    posterior = fit.model.curvature_posterior(fit.estimate)
+    posterior = curvature_posterior(fit)
     # Those of both halves take about as long as this one.
     reserved = began - seconds_left() if np.isfinite(began) else 0.0
     free, ends = one_sided_moves(fit, posterior.deviations)
     agreed = _agreed(staged, ends, free, task, lambda: seconds_left() < reserved)
     least = ONE_SIDED_DEVIATIONS * UNIFORM
-    agreed = np.sqrt(agreed**2 + spread)
+    agreed = np.sqrt(agreed**2 + staged.jointly.spread)
     one_sided = (free.max(axis=1) > least * agreed) & (agreed < LARGEST_DEVIATION)
     agreed = np.minimum(agreed, fit.prior.deviations)
     factors = agreed / posterior.deviations
@@ -99,13 +110,82 @@ def joint_identifiability(
     intervals[~identified] = np.nan
     # Without the bounds, which the posterior of θ_s has by itself. What a user gave is as certain
     # as he says, whether the halves agree or not.
-    likelihood = np.linalg.inv(posterior.covariance) - fit.prior.precision
+    likelihood = posterior.precision - fit.prior.precision
     given = fit.prior.precision - UNIFORM_PRECISION * np.eye(factors.size)
     information = np.zeros((identified.size, identified.size))
     information[np.ix_(active, active)] = widened_information(likelihood, factors, agreed) + given
     return Identifiability(
         responsive, identified, np.where(identified, deviations, np.nan), intervals, information
     )
+
+
+def curvature_posterior(fit: JointFit) -> Gaussian:
+    """Return the posterior about an estimate, by slopes over wider steps than those of a fit.
+
+    Errors that all observations share are the same in all of them here. Each observation is fitted
+    with shared errors of its own, which does no harm; but were they independent, many observations
+    would average them out.
+    """
+    model, estimate = fit.model, fit.estimate
+    equations = model.equations(estimate, model.linearised(estimate, CURVATURE_WIDENING))
+    n = estimate.unit.size
+    common = [
+        each.with_common(block.shared_index, n)
+        for each, block in zip(equations, model.blocks, strict=True)
+    ]
+    size = 1 + max((int(part.parameters.max(initial=n - 1)) for part in common), default=n - 1)
+    precision = np.eye(size)
+    precision[:n, :n] = fit.prior.precision
+    centre = np.concatenate([estimate.unit, np.zeros(size - n)])
+    information, _ = reduced_equations(
+        Gaussian.about(centre, precision),
+        centre,
+        [part.eliminated() for part in common],
+        fit.weights,
+    )
+    return Gaussian.about(centre, information).marginal(np.arange(n))
+
+
+def plausible_moves(fit: JointFit, first: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far each parameter can be moved without an implausible rise of the loss.
+
+    Each is moved outwards from the estimate, with initial states fitted to each place, and the end
+    is bisected. A rise that its bounds alone bring does not count.
+
+    `first` (n,) widths, the first move to each side; a parameter that can be moved by it to no
+    side, or that its bounds leave no room for it, is not looked at further. Returns (n, 2) widths
+    down and up, 0 for parameters that are not looked at further.
+    """
+    model, estimate, unit = fit.model, fit.estimate, fit.unit
+    linear = model.linearised(estimate, CURVATURE_WIDENING)
+    room = np.stack([unit, 1.0 - unit], axis=1)
+    inner, outer = np.zeros_like(room), np.full_like(room, np.inf)
+    moves = np.minimum(first[:, None], room)
+    asked = first < room.max(axis=1)
+    for _ in range(MOVE_ROUNDS):
+        away = moves * (-1.0, 1.0)
+        rises, _ = scanned(model, estimate, linear, unit[:, None] + away, fit.weights)
+        from_mean = (unit - fit.prior.mean)[:, None]
+        rises -= UNIFORM_PRECISION * (from_mean * away + 0.5 * away**2)
+        plausible = rises < LARGEST_MOVE_RISE
+        inner = np.where(plausible, moves, inner)
+        outer = np.where(plausible, outer, moves)
+        asked &= (inner > 0.0).any(axis=1)
+        if not asked.any():
+            break
+        outwards = np.minimum(MOVE_GROWTH * moves, room)
+        moves = np.where(np.isinf(outer), outwards, 0.5 * (inner + outer))
+    return np.where(asked[:, None], inner, 0.0)
+
+
+def curvature_simulations(fit: JointFit) -> float:
+    """Simulations of single observations that `curvature_posterior` takes."""
+    return fit.model.simulations_of(fit.estimate, 2)
+
+
+def move_simulations(fit: JointFit) -> float:
+    """Simulations of single observations that `plausible_moves` takes at most."""
+    return fit.model.simulations_of(fit.estimate, 2 + 4 * MOVE_ROUNDS)
 
 
 def one_sided_moves(
@@ -118,24 +198,10 @@ def one_sided_moves(
     standard deviation of each, where a move to both sides is plausible that of its ends.
     """
     least = ONE_SIDED_DEVIATIONS * UNIFORM
-    moves = fit.model.plausible_moves(fit.estimate, least * deviations)
+    moves = plausible_moves(fit, least * deviations)
     ends = np.maximum(deviations, moves.min(axis=1) / UNIFORM)
     one_sided = (moves.max(axis=1) > least * ends) & (ends < LARGEST_DEVIATION)
     return np.where(one_sided[:, None], moves, 0.0), ends
-
-
-@dataclass(frozen=True, eq=False)
-class Half:
-    """Result of a fit to half of the observations.
-
-    Parameters
-    ----------
-    unit : (n,) its estimate on the unit cube
-    deviations : (n,) widths, standard deviation of each parameter by its slopes
-    """
-
-    unit: NDArray[np.float64]
-    deviations: NDArray[np.float64]
 
 
 def halves(influence: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
@@ -157,27 +223,27 @@ def halves(influence: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
 def agreed_deviations(
     unit: NDArray[np.float64],
     deviations: NDArray[np.float64],
-    halves: tuple[Half, Half],
+    halves: tuple[Gaussian, Gaussian],
     families: Sequence[NDArray[np.int64]],
     free: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Standard deviations (n,), in widths, with which both halves agree.
 
     `unit` (n,) the estimate from all observations, on the unit cube; `deviations` (n,) widths,
-    standard deviation of each parameter by slopes; `families` (n_members,) each, indices of
-    parameters that are likely to err alike, each parameter in one; `free` (n, 2) widths, how far
-    parameters that are bound to one side only can be moved down and up, 0 for others; None: all are
-    bound to both.
+    standard deviation of each parameter by slopes; `halves` what each half says by slopes;
+    `families` (n_members,) each, indices of parameters that are likely to err alike, each parameter
+    in one; `free` (n, 2) widths, how far parameters that are bound to one side only can be moved
+    down and up, 0 for others; None: all are bound to both.
     """
     free = np.zeros((unit.size, 2)) if free is None else free
     low, high = unit - free[:, 0], unit + free[:, 1]
-    apart = np.array([(half.unit - np.clip(half.unit, low, high)) ** 2 for half in halves])
+    apart = np.array([(half.mean - np.clip(half.mean, low, high)) ** 2 for half in halves])
     variances = np.array([half.deviations for half in halves]) ** 2
     informative = variances < LARGEST_DEVIATION**2
     ratios = np.sqrt(_mean(apart / (0.5 * variances), informative))
     # Slopes of a half that lies where the loss is flat say nothing of the end.
     pooled = np.where(free.any(axis=1), 0.0, (1.0 / variances).sum(axis=0) ** -0.5)
-    factors = _family_factors(ratios, families, FAMILY_WEIGHT)
+    factors = _family_factors(ratios, families)
     agreed = np.maximum(deviations * factors, pooled)
     scatter = np.sqrt(_mean(apart, informative))
     beyond_chance = ratios > LARGEST_CHANCE_RATIO
@@ -192,7 +258,7 @@ def _mean(values: NDArray[np.float64], counted: NDArray[np.bool_]) -> NDArray[np
 
 
 def _family_factors(
-    ratios: NDArray[np.float64], families: Sequence[NDArray[np.int64]], weight: float
+    ratios: NDArray[np.float64], families: Sequence[NDArray[np.int64]]
 ) -> NDArray[np.float64]:
     """Factors (n,) of at least one from ratios (n,), NaN where no half is informative."""
     finite = np.isfinite(ratios)
@@ -202,8 +268,8 @@ def _family_factors(
     typical = max(float(np.median(ratios[finite])) / NORMAL_MEDIAN, 1.0)
     for family in families:
         family_ratios = ratios[family][finite[family]]
-        square = (np.sum(family_ratios**2) + weight * typical**2) / (family_ratios.size + weight)
-        factors[family] = max(np.sqrt(square), 1.0)
+        total = np.sum(family_ratios**2) + FAMILY_WEIGHT * typical**2
+        factors[family] = max(np.sqrt(total / (family_ratios.size + FAMILY_WEIGHT)), 1.0)
     return factors
 
 
@@ -220,17 +286,14 @@ def _agreed(
         return deviations
     whole = task.fit_task
     parts = halves(whole.influence)
-    fits = [StagedFit(whole.of(members), staged.start[None]) for members in parts]
+    fits = [StagedFit(whole.of(members), staged.jointly.starts[:1]) for members in parts]
     # Side by side, so that neither is ahead where time runs out.
     for _ in range(staged.steps):
         for part in fits:
             if not part.settled and not (part.steps and out_of_time()):
                 part.step()
     joints = [part.joint for part in fits]
-    first, second = (
-        Half(joint.unit, joint.model.curvature_posterior(joint.estimate).deviations)
-        for joint in joints
-    )
+    first, second = (curvature_posterior(joint) for joint in joints)
     families = _families(task.searched.names)
     return agreed_deviations(fit.unit, deviations, (first, second), families, free)
 

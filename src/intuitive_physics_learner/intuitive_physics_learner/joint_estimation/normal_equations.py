@@ -7,9 +7,10 @@ P_s of s:
 
     H = Aᵀ W A + diag(P_s, 0),    g = Aᵀ W r + (P_s s, 0).
 
-Eliminating s (Schur's complement) leaves H_pp - H_ps H_ss⁻¹ H_sp and g_p - H_ps H_ss⁻¹ g_s, which
-add up over the observations. The inverse of their sum, with the prior precision of θ_s on its
-diagonal, is the covariance of the Gaussian posterior of θ_s.
+Eliminating s (Schur's complement) leaves Λ = H_pp - H_ps H_ss⁻¹ H_sp and g_p - H_ps H_ss⁻¹ g_s,
+which add up over the observations, each by its weight w. The inverse of their sum, with the prior
+precision of θ_s, is the covariance of the Gaussian posterior of θ_s. The weight of an observation
+multiplies all that it says of θ_s, its prior of s included; s itself is fitted as if it were alone.
 
 Parameters are given on the unit cube of the search; their lengths are in widths, parts of the unit
 interval.
@@ -25,6 +26,8 @@ from numpy.typing import NDArray
 
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
+from intuitive_physics_learner.joint_estimation.spin_evidence import SpinLikelihood
+from intuitive_physics_learner.search.gaussian import Gaussian
 
 OUTLIER_LENGTH = 3.0
 """Length of a residual from which on Huber's loss grows linearly, σ; set by hand."""
@@ -33,14 +36,25 @@ AGREEMENT_FREEDOM = 4.0
 """Degrees of freedom of Student's distribution by which observations that contradict all others
 count less; the value that is usual for robust regression (Lange, Little and Taylor 1989)."""
 
+NEGLIGIBLE = 1e-7
+"""Part of the largest eigenvalue of a covariance below which one counts as rounding."""
 
-def robust_loss(lengths: NDArray[np.float64], outlier_length: float) -> NDArray[np.float64]:
+
+def robust_loss(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return Huber's loss (...,), without a unit, of residuals.
 
     `lengths` (...,) of residuals, in standard deviations of the noise.
     """
-    linear = outlier_length * (lengths - 0.5 * outlier_length)
-    return np.where(lengths < outlier_length, 0.5 * lengths**2, linear)
+    linear = OUTLIER_LENGTH * (lengths - 0.5 * OUTLIER_LENGTH)
+    return np.where(lengths < OUTLIER_LENGTH, 0.5 * lengths**2, linear)
+
+
+def huber_weights(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the weights (...,) of residuals of those lengths in least squares of the same slope.
+
+    `lengths` (...,) of residuals, in standard deviations of the noise.
+    """
+    return OUTLIER_LENGTH / np.maximum(lengths, OUTLIER_LENGTH)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,18 +65,18 @@ class NormalEquations:
 
     Parameters
     ----------
+    members : (W,) index of each among all observations
     parameters : (W, q) indices of each observation's parameters
     state_size : d
     hessian : (W, d + q, d + q) H, in inverse units of the unknowns
     gradient : (W, d + q) g, likewise
-    weights : (W,) above 0, with which each observation counts in what it says of the parameters
     """
 
+    members: NDArray[np.int64]
     parameters: NDArray[np.int64]
     state_size: int
     hessian: NDArray[np.float64]
     gradient: NDArray[np.float64]
-    weights: NDArray[np.float64]
 
     @staticmethod
     def of(
@@ -70,18 +84,16 @@ class NormalEquations:
         estimate: NDArray[np.float64],
         linear: Linearisation,
         until: NDArray[np.float64],
-        weights: NDArray[np.float64] | None = None,
     ) -> NormalEquations:
         """Set them up with the points up to a time.
 
         `estimate` (W, d) deviations from the observed initial states, in SI units; `until` (W,) s,
-        the last time that counts; `weights` (W,) of the observations; None: 1.
+        the last time that counts.
         """
-        outlier = OUTLIER_LENGTH
         counted = linear.valid & (block.times <= until[:, None])
         residuals = block.whitened(np.where(counted[..., None], linear.residuals, 0.0))
         lengths = np.linalg.norm(residuals, axis=2)
-        rooted = np.sqrt(np.minimum(1.0, outlier / np.maximum(lengths, outlier))) * counted
+        rooted = np.sqrt(huber_weights(lengths)) * counted
         count, k = linear.slopes.shape[:2]
         slopes = np.einsum("wpij,wkpj->wkpi", block.whitening, linear.slopes)
         weighted = slopes * rooted[:, None, :, None]
@@ -96,8 +108,7 @@ class NormalEquations:
         diagonal = np.arange(d)
         hessian[:, diagonal, diagonal] += precision
         gradient[:, :d] += precision * estimate
-        weights = np.ones(count) if weights is None else weights
-        return NormalEquations(block.parameters, d, hessian, gradient, weights)
+        return NormalEquations(block.members, block.parameters, d, hessian, gradient)
 
     def with_common(self, index: NDArray[np.int64], first: int) -> NormalEquations:
         """Return the equations with shared errors as parameters that observations have in common.
@@ -112,7 +123,7 @@ class NormalEquations:
         diagonal = np.arange(d, self.state_size)
         hessian[:, diagonal, diagonal] -= 1.0
         parameters = np.hstack([first + index, self.parameters])
-        return NormalEquations(parameters, d, hessian, self.gradient, self.weights)
+        return NormalEquations(self.members, parameters, d, hessian, self.gradient)
 
     def eliminated(self, damping: float = 0.0) -> Elimination:
         """Solve for the initial states, their diagonal enlarged by the part `damping`."""
@@ -125,12 +136,40 @@ class NormalEquations:
         gains, offsets = solved[..., :-1], solved[..., -1]
         across = self.hessian[:, d:, :d]
         return Elimination(
+            self.members,
             self.parameters,
             gains,
             offsets,
-            (self.hessian[:, d:, d:] - across @ gains) * self.weights[:, None, None],
-            (self.gradient[:, d:] - (across @ offsets[..., None])[..., 0]) * self.weights[:, None],
+            self.hessian[:, d:, d:] - across @ gains,
+            self.gradient[:, d:] - (across @ offsets[..., None])[..., 0],
         )
+
+    def state_covariances(
+        self, eliminated: Elimination, posterior: Gaussian
+    ) -> NDArray[np.float64]:
+        """Covariance (W, d, d) of the initial states, in SI units, whatever θ_s is."""
+        gains = eliminated.gains
+        covariance = eliminated.parameter_covariances(posterior)
+        return self._given_parameters() + gains @ covariance @ gains.swapaxes(1, 2)
+
+    def spreads(
+        self, linear: Linearisation, eliminated: Elimination, posterior: Gaussian
+    ) -> NDArray[np.float64]:
+        """Standard deviation (W, P) in m of the predicted position of each point of a block."""
+        count, k, points, _ = linear.slopes.shape
+        d = self.state_size
+        slopes = linear.slopes.reshape(count, k, points * 3)
+        by_state = slopes[:, :d]
+        by_parameter = slopes[:, d:] - eliminated.gains.transpose(0, 2, 1) @ by_state
+        variances = ((self._given_parameters() @ by_state) * by_state).sum(axis=1)
+        covariance = eliminated.parameter_covariances(posterior)
+        variances += ((covariance @ by_parameter) * by_parameter).sum(axis=1)
+        return np.sqrt(variances.reshape(count, points, 3).sum(axis=2))
+
+    def _given_parameters(self) -> NDArray[np.float64]:
+        """Covariance (W, d, d) of the initial states, in SI units, given the parameters."""
+        d = self.state_size
+        return np.asarray(np.linalg.inv(self.hessian[:, :d, :d]), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,28 +178,24 @@ class Elimination:
 
     Parameters
     ----------
+    members : (W,) index of each among all observations
     parameters : (W, q) indices of each observation's parameters
     gains : (W, d, q) H_ss⁻¹ H_sp, SI units per width
     offsets : (W, d) H_ss⁻¹ g_s, in SI units
-    information : (W, q, q) H_pp - H_ps H_ss⁻¹ H_sp, per width², times the observation's weight
-    scores : (W, q) g_p - H_ps H_ss⁻¹ g_s, per width, likewise
+    information : (W, q, q) Λ, per width²
+    scores : (W, q) g_p - H_ps H_ss⁻¹ g_s, per width
     """
 
+    members: NDArray[np.int64]
     parameters: NDArray[np.int64]
     gains: NDArray[np.float64]
     offsets: NDArray[np.float64]
     information: NDArray[np.float64]
     scores: NDArray[np.float64]
 
-    def add_to(self, information: NDArray[np.float64], scores: NDArray[np.float64]) -> None:
-        """Add the equations of these observations to those of all n parameters.
-
-        `information` (n, n) per width², changed in place; `scores` (n,) per width, changed in
-        place.
-        """
-        rows, columns = self.parameters[:, :, None], self.parameters[:, None, :]
-        np.add.at(information, (rows, columns), self.information)
-        np.add.at(scores, self.parameters, self.scores)
+    def parameter_covariances(self, posterior: Gaussian) -> NDArray[np.float64]:
+        """Covariance (W, q, q) of the parameters of each observation, in widths²."""
+        return posterior.covariance[self.parameters[:, :, None], self.parameters[:, None, :]]
 
     def state_steps(self, parameter_steps: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the steps (W, d) of the initial states, in SI units, that go with parameter steps.
@@ -171,17 +206,46 @@ class Elimination:
         return -self.offsets - (self.gains @ steps)[..., 0]
 
 
-NEGLIGIBLE = 1e-7
-"""Part of the largest eigenvalue of a covariance below which one counts as rounding."""
+def reduced_equations(
+    prior: Gaussian,
+    unit: NDArray[np.float64],
+    eliminations: Sequence[Elimination],
+    weights: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Add up what the prior and all observations say of θ_s, at a point of the unit cube.
+
+    `unit` (n,) that point; `weights` (n_observations,) of the observations. Returns `information`
+    (n, n), per width²; `scores` (n,) per width, the gradient of the loss.
+    """
+    information, scores = prior.precision.copy(), prior.scores(unit)
+    for part in eliminations:
+        weight = weights[part.members]
+        rows, columns = part.parameters[:, :, None], part.parameters[:, None, :]
+        np.add.at(information, (rows, columns), weight[:, None, None] * part.information)
+        np.add.at(scores, part.parameters, weight[:, None] * part.scores)
+    return information, scores
+
+
+def joint_posterior(
+    prior: Gaussian,
+    unit: NDArray[np.float64],
+    eliminations: Sequence[Elimination],
+    weights: NDArray[np.float64],
+) -> Gaussian:
+    """Return the posterior of θ_s by equations at a point of the unit cube.
+
+    `unit` (n,) that point; `weights` (n_observations,) of the observations.
+    """
+    information, scores = reduced_equations(prior, unit, eliminations, weights)
+    return Gaussian(information, information @ unit - scores)
 
 
 def agreement_weights(
+    prior: Gaussian,
+    unit: NDArray[np.float64],
     eliminations: Sequence[Elimination],
-    weights: Sequence[NDArray[np.float64]],
-    posterior: Posterior,
-    step: NDArray[np.float64],
-    freedom: float,
-) -> list[NDArray[np.float64]]:
+    weights: NDArray[np.float64],
+) -> NDArray[np.float64]:
     """Weigh observations by how well each agrees with all others.
 
     A fit that has taken a wrong turn at some contact holds the parameters with all the information
@@ -196,31 +260,34 @@ def agreement_weights(
     Taylor 1989), (ν + r) / (ν + T / t), at most 1, where t is the median of T / r, at least 1:
     what all observations disagree about is no fault of one.
 
-    `weights` (W,) of each block, those weights; `step` (n,) widths, Newton step of all. Returns
-    (W,) weights of each block.
+    `unit` (n,) u, a point of the unit cube; `weights` (n_observations,) w of the last step, above
+    0. Returns (n_observations,) weights.
     """
-    squares, ranks = [], []
-    for part, weight in zip(eliminations, weights, strict=True):
+    whole, gradient = reduced_equations(prior, unit, eliminations, weights)
+    all_covariance = np.asarray(np.linalg.inv(whole))
+    step = -all_covariance @ gradient
+    squares, ranks = np.empty(weights.size), np.empty(weights.size)
+    for part in eliminations:
+        weight = weights[part.members][:, None]
+        information, own = part.information, part.scores
         rows, columns = part.parameters[:, :, None], part.parameters[:, None, :]
-        covariance = posterior.covariance[rows, columns]
-        left = np.linalg.inv(np.eye(covariance.shape[1]) - covariance @ part.information)
+        covariance = all_covariance[rows, columns]
+        left = np.linalg.inv(
+            np.eye(covariance.shape[1]) - covariance @ (weight[..., None] * information)
+        )
         without = left @ covariance
-        moved = left @ step[part.parameters][..., None] + without @ part.scores[..., None]
-        information = part.information / weight[:, None, None]
-        scores = part.scores / weight[:, None] + (information @ moved)[..., 0]
+        pulled = without @ (weight * own)[..., None]
+        moved = left @ step[part.parameters][..., None] + pulled
+        scores = own + (information @ moved)[..., 0]
         spread = information + information @ without @ information
         values, vectors = np.linalg.eigh(0.5 * (spread + spread.transpose(0, 2, 1)))
         along = np.einsum("wij,wi->wj", vectors, scores)
         counted = values > np.maximum(NEGLIGIBLE * values[:, -1:], np.finfo(float).tiny)
         parts = np.where(counted, along**2 / np.where(counted, values, 1.0), 0.0)
-        squares.append(parts.sum(axis=1))
-        ranks.append(counted.sum(axis=1))
-    ratios = np.concatenate(squares) / np.maximum(np.concatenate(ranks), 1)
-    typical = max(float(np.median(ratios)), 1.0)
-    return [
-        np.minimum((freedom + rank) / (freedom + square / typical), 1.0)
-        for square, rank in zip(squares, ranks, strict=True)
-    ]
+        squares[part.members], ranks[part.members] = parts.sum(axis=1), counted.sum(axis=1)
+    typical = max(float(np.median(squares / np.maximum(ranks, 1))), 1.0)
+    freedom = AGREEMENT_FREEDOM
+    return np.minimum((freedom + ranks) / (freedom + squares / typical), 1.0)
 
 
 def bounded_step(
@@ -248,60 +315,30 @@ def bounded_step(
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior:
-    """Gaussian posterior of n parameters and of the initial states of all observations.
+class LocalLikelihood:
+    """Likelihood of one observation near an estimate û of its q parameters, by itself.
+
+    With its initial states integrated out by Laplace's approximation, its negative logarithm is
+
+        l(u) = l(û) + gᵀ (u - û) + ½ (u - û)ᵀ Λ (u - û),
+
+    where l(û) is the loss at the estimate plus ½ ln det(P_s^-½ H_ss P_s^-½), by which the data
+    narrow its initial states. The weight with which a fit counts it is left out.
 
     Parameters
     ----------
-    covariance : (n, n) of the parameters, on the unit cube
+    parameters : (q,) indices among all parameters
+    estimate : (q,) û, on the unit cube
+    information : (q, q) Λ, per width²
+    scores : (q,) g, per width
+    loss : l(û), without a unit
+    spins : what the observation says of each initial spin that was a guess, θ_s and all else
+        integrated out
     """
 
-    covariance: NDArray[np.float64]
-
-    @staticmethod
-    def of(eliminations: Sequence[Elimination], prior: NDArray[np.float64]) -> Posterior:
-        """Add up the information of all observations and of the prior.
-
-        `prior` (n, n) precision of the n parameters before the observations, per width².
-        """
-        information = prior.copy()
-        for part in eliminations:
-            part.add_to(information, np.zeros(len(prior)))
-        return Posterior(np.asarray(np.linalg.inv(information), dtype=np.float64))
-
-    @property
-    def deviations(self) -> NDArray[np.float64]:
-        """Standard deviation (n,) of each parameter, in widths."""
-        return np.sqrt(np.diag(self.covariance))
-
-    def state_covariances(
-        self, equations: NormalEquations, eliminated: Elimination
-    ) -> NDArray[np.float64]:
-        """Covariance (W, d, d) of a block's initial states, in SI units, whatever θ_s is."""
-        covariance = self._parameter_covariance(eliminated)
-        by_parameters = eliminated.gains @ covariance @ eliminated.gains.swapaxes(1, 2)
-        return _state_covariance(equations) + by_parameters
-
-    def spreads(
-        self, linear: Linearisation, equations: NormalEquations, eliminated: Elimination
-    ) -> NDArray[np.float64]:
-        """Standard deviation (W, P) in m of the predicted position of each point of a block."""
-        count, k, points, _ = linear.slopes.shape
-        d = equations.state_size
-        slopes = linear.slopes.reshape(count, k, points * 3)
-        by_state = slopes[:, :d]
-        by_parameter = slopes[:, d:] - eliminated.gains.transpose(0, 2, 1) @ by_state
-        variances = ((_state_covariance(equations) @ by_state) * by_state).sum(axis=1)
-        covariance = self._parameter_covariance(eliminated)
-        variances += ((covariance @ by_parameter) * by_parameter).sum(axis=1)
-        return np.sqrt(variances.reshape(count, points, 3).sum(axis=2))
-
-    def _parameter_covariance(self, eliminated: Elimination) -> NDArray[np.float64]:
-        rows, columns = eliminated.parameters[:, :, None], eliminated.parameters[:, None, :]
-        return self.covariance[rows, columns]
-
-
-def _state_covariance(equations: NormalEquations) -> NDArray[np.float64]:
-    """Covariance (W, d, d) of the initial states, in SI units, given the parameters."""
-    d = equations.state_size
-    return np.asarray(np.linalg.inv(equations.hessian[:, :d, :d]), dtype=np.float64)
+    parameters: NDArray[np.int64]
+    estimate: NDArray[np.float64]
+    information: NDArray[np.float64]
+    scores: NDArray[np.float64]
+    loss: float
+    spins: tuple[SpinLikelihood, ...] = ()

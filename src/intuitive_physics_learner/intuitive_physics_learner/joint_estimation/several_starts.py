@@ -18,8 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, JointFit
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
-from intuitive_physics_learner.search.learning_task import FitTask, GaussianPrior
+from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
+from intuitive_physics_learner.joint_estimation.settings import (
+    FIXED_HORIZONS,
+    JointEstimationSettings,
+)
+from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.search.learning_task import FitTask
 
 STARTS = 4
 """Fits that begin, the first at the start of the task; set by hand: within the 4 s of a small
@@ -36,7 +41,7 @@ SCORING_STEPS = 3
 
 
 def drawn_starts(
-    prior: GaussianPrior, count: int, generator: np.random.Generator
+    prior: Gaussian, count: int, generator: np.random.Generator
 ) -> NDArray[np.float64]:
     """Draw points (count, n) of the unit cube that are spread as the prior is.
 
@@ -70,17 +75,15 @@ def log_evidences(
     prior there, and how much the observations narrow it.
     """
     prior = task.prior
-    fit = JointFit(task, JointEstimationSettings().with_fixed_horizons())
+    fit = JointFit(task, FIXED_HORIZONS, solution.model.stated_blocks)
     ends = np.minimum(horizons, durations(fit)).tolist()
     fits = zip(solution.observation_fits(), ends, strict=True)
     begun = [replace(each, horizon=end) for each, end in fits]
     fit.begin_at(solution.unit, prior.deviations if steps else solution.deviations, begun)
     for _ in range(steps):
         fit.step()
-    likelihoods, precision = fit.likelihoods(), prior.precision.copy()
-    for likelihood, weight in zip(likelihoods, task.weights, strict=True):
-        part = np.ix_(likelihood.parameters, likelihood.parameters)
-        precision[part] += weight * likelihood.information
+    likelihoods = fit.likelihoods()
+    precision = prior.plus(likelihoods, task.weights).precision
     narrowed = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(prior.precision)[1]
     losses = task.weights * np.array([likelihood.loss for likelihood in likelihoods])
     solution.model.simulations += fit.model.simulations
@@ -127,9 +130,10 @@ class SeveralStarts:
         self.spread = np.zeros(starts.shape[1])
         self._dropped_simulations = 0.0
         nothing = [None] * len(task.influence)
+        blocks = observation_blocks(task.cost.observations, task.influence)
         self.fits = []
         for start in starts:
-            fit = JointFit(task, settings)
+            fit = JointFit(task, settings, blocks)
             fit.begin_at(start, task.prior.deviations, nothing)
             self.fits.append(fit)
 

@@ -62,6 +62,7 @@ class StagedFit:
 
     Attributes
     ----------
+    jointly : fits to all observations
     steps : taken so far, in both stages
     """
 
@@ -78,7 +79,7 @@ class StagedFit:
             groups = []
         # A scan takes as long as four steps, and separate fits have scanned their parameters.
         ahead = replace(settings, scan_steps=()) if groups else settings
-        self._jointly = SeveralStarts(task, ahead, starts[:1] if groups else starts)
+        self.jointly = SeveralStarts(task, ahead, starts[:1] if groups else starts)
         self.steps = 0
         self._separate = []
         for members in groups:
@@ -92,22 +93,12 @@ class StagedFit:
 
         Before it takes steps of its own it holds what the separate ones have found.
         """
-        return self._jointly.best
-
-    @property
-    def start(self) -> NDArray[np.float64]:
-        """Where that fit began, (n,) on the unit cube."""
-        return self._jointly.starts[0]
-
-    @property
-    def spread(self) -> NDArray[np.float64]:
-        """What `choose` returned last, (n,) widths²; zero before."""
-        return self._jointly.spread
+        return self.jointly.best
 
     @property
     def simulations(self) -> float:
         """Simulations of single observations so far."""
-        return self._jointly.simulations + self._separate_simulations
+        return self.jointly.simulations + self._separate_simulations
 
     @property
     def best_simulations(self) -> float:
@@ -115,14 +106,9 @@ class StagedFit:
         return self.joint.model.simulations + self._separate_simulations
 
     @property
-    def choice_simulations(self) -> float:
-        """Simulations of single observations that `choose` takes, about."""
-        return self._jointly.choice_simulations
-
-    @property
     def settled(self) -> bool:
         """Whether both stages have converged: more steps would change nothing."""
-        return not self._unfinished() and self._jointly.settled
+        return not self._unfinished() and self.jointly.settled
 
     def step(self) -> None:
         """Take a step of each separate fit, or once these have ended, of the joint one."""
@@ -133,11 +119,7 @@ class StagedFit:
         if unfinished:
             self._take_over()
         else:
-            self._jointly.step()
-
-    def keep_first_start(self) -> None:
-        """Drop all starts but the first, before a step is taken."""
-        self._jointly.keep_first()
+            self.jointly.step()
 
     def choose(self) -> NDArray[np.float64]:
         """Let the joint fit be the one of the largest evidence.
@@ -145,20 +127,20 @@ class StagedFit:
         Returns (n,) widths², by how much fits from other starts differ from it where the
         observations cannot tell which is right.
         """
-        return self._jointly.choose()
+        return self.jointly.choose()
 
     def state(self) -> dict[str, Any]:
         """Return plain data from which a fit to the same observations continues exactly."""
         return {
             "steps": self.steps,
-            "joint": self._jointly.state(),
+            "joint": self.jointly.state(),
             "separate": [part.fit.state() for part in self._separate],
         }
 
     def load_state(self, state: Mapping[str, Any]) -> None:
         """Continue from what `state` returned."""
         self.steps = state["steps"]
-        self._jointly.load_state(state["joint"])
+        self.jointly.load_state(state["joint"])
         for part, part_state in zip(self._separate, state["separate"], strict=True):
             part.fit.load_state(part_state)
 

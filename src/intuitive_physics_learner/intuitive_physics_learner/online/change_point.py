@@ -32,9 +32,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
-from intuitive_physics_learner.online.information import Information
-from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
+from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
+from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
+from intuitive_physics_learner.search.gaussian import Gaussian
 
 AGREEMENT = 0.01
 """Probability under which the median observation does not agree with the others."""
@@ -72,7 +72,7 @@ def chi_square_tail(value: float, degrees: int) -> float:
 
 
 def find_change(
-    information: Information,
+    information: Gaussian,
     centre: NDArray[np.float64],
     recent: Sequence[tuple[LocalLikelihood, float]],
     families: Mapping[tuple[str, ...], NDArray[np.int64]],
@@ -88,10 +88,11 @@ def find_change(
     asked = max(len(recent) - fewest + 1, 0) * len(families)
     best: ChangePoint | None = None
     for length in range(fewest, len(recent) + 1):
-        before = information.copy()
-        for likelihood, weight in recent[-length:]:
-            before.add(likelihood, -weight)
-        prior = before.prior(centre)
+        before = information.plus(
+            [likelihood for likelihood, _ in recent[-length:]],
+            [-weight for _, weight in recent[-length:]],
+        )
+        prior = before.bounded(centre)
         if np.linalg.eigvalsh(prior.precision)[0] <= 0.0:
             continue
         for family, members in families.items():
@@ -109,18 +110,14 @@ def find_change(
 
 
 def change_probability(
-    prior: GaussianPrior, likelihoods: Sequence[LocalLikelihood], members: NDArray[np.int64]
+    prior: Gaussian, likelihoods: Sequence[LocalLikelihood], members: NDArray[np.int64]
 ) -> float:
     """Probability of so large a ratio T without a change.
 
     `members` (k,) indices of the parameters that may have changed.
     """
-    size = prior.mean.size
-    information, scores = np.zeros((size, size)), np.zeros(size)
-    for likelihood in likelihoods:
-        information[np.ix_(likelihood.parameters, likelihood.parameters)] += likelihood.information
-        away = prior.mean[likelihood.parameters] - likelihood.estimate
-        scores[likelihood.parameters] += likelihood.scores + likelihood.information @ away
+    together = Gaussian.nothing(prior.mean.size).plus(likelihoods)
+    information, scores = together.precision, together.scores(prior.mean)
     # (1 + L P)⁻¹ = P⁻¹ (P⁻¹ + L)⁻¹.
     solved = prior.precision @ np.linalg.solve(
         prior.precision + information, np.column_stack([information, scores])
@@ -133,7 +130,7 @@ def change_probability(
 
 
 def _agreed_probability(
-    prior: GaussianPrior, likelihoods: Sequence[LocalLikelihood], members: NDArray[np.int64]
+    prior: Gaussian, likelihoods: Sequence[LocalLikelihood], members: NDArray[np.int64]
 ) -> float:
     """The largest probability (of T) that is left without any one of the observations."""
     return max(
@@ -145,17 +142,13 @@ def _agreed_probability(
 
 
 def _agree(
-    before: Information,
+    before: Gaussian,
     centre: NDArray[np.float64],
     likelihoods: Sequence[LocalLikelihood],
     members: NDArray[np.int64],
 ) -> bool:
     """Whether most observations are as near to their common estimate as chance puts them."""
-    after = before.copy()
-    after.forget(members)
-    for likelihood in likelihoods:
-        after.add(likelihood)
-    common = after.prior(centre).mean
+    common = before.without(members).plus(likelihoods).bounded(centre).mean
     probabilities = []
     for likelihood in likelihoods:
         scores = likelihood.scores + likelihood.information @ (

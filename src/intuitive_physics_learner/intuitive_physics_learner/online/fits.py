@@ -16,12 +16,13 @@ from intuitive_physics_learner.joint_estimation.joint_fit import (
     JointFit,
     ObservationFit,
 )
-from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
+from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.several_starts import log_evidences
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.online.online_state import Member
-from intuitive_physics_learner.search.learning_task import FitTask, GaussianPrior
+from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.search.learning_task import FitTask
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
 LONE_STEPS = 24
@@ -61,7 +62,7 @@ class LoneFit:
         cost: Cost,
         space: ParameterSpace,
         influence: NDArray[np.bool_],
-        prior: GaussianPrior,
+        prior: Gaussian,
         others: StaticParameters,
         *,
         scans: tuple[int, ...] = (),
@@ -106,7 +107,7 @@ class LoneFit:
         (likelihood,) = self._fit.likelihoods(look_for_spins=True)
         return replace(likelihood, parameters=self._parameters[likelihood.parameters])
 
-    def log_evidence(self, horizon: float, prior: GaussianPrior | None = None) -> float:
+    def log_evidence(self, horizon: float, prior: Gaussian | None = None) -> float:
         """Return ln ∫ p(points up to a horizon | θ_s) p(θ_s) dθ_s by Laplace's approximation.
 
         `horizon` in s, the last time that counts; evidences up to different ones do not compare.
@@ -133,7 +134,7 @@ class JointProblem:
 
     members: list[Member]
     parameters: NDArray[np.int64]
-    prior: GaussianPrior
+    prior: Gaussian
     task: FitTask
 
 
@@ -141,14 +142,6 @@ def window_fit(task: FitTask) -> JointFit:
     """Return a fit of several observations that begins at the prior's mean."""
     settings = JointEstimationSettings(largest_advance=LARGEST_ADVANCE, scan_steps=())
     return JointFit(task, settings)
-
-
-def agreement_weights(fit: JointFit) -> NDArray[np.float64]:
-    """Weights (n_observations,) of the last step, by how well each agrees with all others."""
-    weights = np.empty(len(fit.model.cost.observations))
-    for block, part in zip(fit.model.blocks, fit.estimate.fits, strict=True):
-        weights[block.members] = part.weights
-    return weights
 
 
 def most_evident(task: FitTask, fits: Sequence[JointFit]) -> int:

@@ -17,23 +17,21 @@ from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.assessment.reasons import Reason
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import SpinEvidence
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, JointFit
 from intuitive_physics_learner.joint_estimation.point_noise import detected
 from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.several_starts import STARTS, drawn_starts
+from intuitive_physics_learner.joint_estimation.spin_evidence import SpinEvidence
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.online.change_point import change_probability, find_change
 from intuitive_physics_learner.online.fits import (
     BEYOND,
     JointProblem,
     LoneFit,
-    agreement_weights,
     most_evident,
     run,
     window_fit,
 )
-from intuitive_physics_learner.online.information import Information, gaussian_mean
 from intuitive_physics_learner.online.online_state import MEMBERS, Member, OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.publication import (
@@ -44,7 +42,8 @@ from intuitive_physics_learner.online.publication import (
     is_on_trial,
     next_version,
 )
-from intuitive_physics_learner.search.learning_task import FitTask, GaussianPrior
+from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.search.learning_task import FitTask
 from intuitive_physics_learner.search.search_space import ActiveSpace
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
 
@@ -69,6 +68,10 @@ newest, for what they say of the world of now."""
 CONFLICT = 7.0
 """Logarithm of the ratio of evidences, of what is not bound by what is known to what is, from which
 on an observation contradicts what is known: odds of a thousand to one."""
+
+OUTWEIGHED = 0.01
+"""Rate of false alarms where what is remembered counts less than what is set aside, so that it no
+longer is what most observations agree on."""
 
 SMALLEST_EXPLAINED = 0.6
 """Share of the last observations that can be explained from which on one that cannot be is
@@ -213,17 +216,16 @@ class OnlineLearner:
         whole = learned.extended(state.materials)
         state.published = whole
         posterior = whole.whole_posterior().within(state.space.bounds)
-        information = Information.of(posterior, state.held)
-        mean = gaussian_mean(posterior)
-        state.centre, state.unit = mean.copy(), mean.copy()
+        information = Gaussian.of(posterior, state.held)
+        state.centre, state.unit = information.mean.copy(), information.mean.copy()
         state.ground = information if informed else state.given()
-        state.retired, state.posterior = state.ground.copy(), state.ground.copy()
+        state.retired = state.posterior = state.ground
         state.window, state.past, state.doubtful = [], [], []
         state.count_from(0)
         state.retired_spins = SpinEvidence.about(
             whole.initial_spins if informed else InitialSpins()
         )
-        state.published_information = information.copy()
+        state.published_information = information
         state.end_trial()
         self._drop_observations()
 
@@ -273,7 +275,7 @@ class OnlineLearner:
         self,
         cost: TrajectoryCost,
         influence: NDArray[np.bool_],
-        prior: GaussianPrior,
+        prior: Gaussian,
         scans: tuple[int, ...] = (),
         careful: bool = False,
     ) -> LoneFit:
@@ -302,7 +304,7 @@ class OnlineLearner:
         if not fit.blocked:
             return None
         (observation,) = cost.observations
-        nothing = Information.none(state.centre.size).prior(state.prior.mean)
+        nothing = Gaussian.within_bounds(state.prior.mean)
         free = self._lone_fit(cost, influence, nothing, scans=FREE_SCANS)
         horizon = max(free.observation_fit.horizon, fit.observation_fit.horizon)
         gain = free.log_evidence(horizon) - fit.log_evidence(horizon)
@@ -356,7 +358,7 @@ class OnlineLearner:
             return
         horizon = fit.observation_fit.horizon + BEYOND
         challenger, published = (
-            fit.log_evidence(horizon, information.prior(state.centre))
+            fit.log_evidence(horizon, information.bounded(state.centre))
             for information in (state.challenger, state.published_information)
         )
         gain = np.clip(challenger - published, -LARGEST_VOTE, LARGEST_VOTE)
@@ -370,9 +372,9 @@ class OnlineLearner:
         if last is not None and self._options.time_constant > 0.0:
             factor = float(np.exp(-(state.time - last) / self._options.time_constant))
             given = state.given()
-            for information in (state.ground, state.retired, state.posterior):
-                information.discount(factor)
-                information.join(given, 1.0 - factor)
+            for name in ("ground", "retired", "posterior"):
+                known = getattr(state, name).scaled(factor)
+                setattr(state, name, known.joined(given, 1.0 - factor))
             state.retired_spins.discount(factor)
             for member in state.kept:
                 member.weight *= factor
@@ -424,7 +426,7 @@ class OnlineLearner:
         self._begin_at_present(continued[0], problem)
         if state.published is not None and has_moved_far(state):
             continued.append(JointFit(problem.task, settings))
-            published = state.published_information.prior(state.centre)
+            published = state.published_information.bounded(state.centre)
             self._begin_at(continued[1], problem, published)
         for fit in continued:
             run(fit, CONTINUED_STEPS, seconds_left)
@@ -440,7 +442,7 @@ class OnlineLearner:
         self._forget_what_disagrees()
         if len(problem.members) >= FEWEST_COMPARED:
             # It has explained all observations better than what is published.
-            state.challenger, state.compared = state.posterior.copy(), len(problem.members)
+            state.challenger, state.compared = state.posterior, len(problem.members)
             state.score = len(problem.members) * LARGEST_VOTE
 
     def _recalled(self) -> dict[str, Observation]:
@@ -454,7 +456,7 @@ class OnlineLearner:
         return recalled
 
     def _problem(
-        self, members: list[Member], observations: Mapping[str, Observation], known: Information
+        self, members: list[Member], observations: Mapping[str, Observation], known: Gaussian
     ) -> JointProblem:
         """Return the fit of some members, to what is known without them."""
         state = self.state
@@ -462,7 +464,7 @@ class OnlineLearner:
         influence = self._influence(observed)
         active: NDArray[np.bool_] = np.asarray(influence.any(axis=0))
         parameters = np.flatnonzero(active)
-        prior = known.prior(state.centre)
+        prior = known.bounded(state.centre)
         points = [detected(each) for each in observed]
         cost = TrajectoryCost(points, self._simulator, state.materials)
         space = ActiveSpace(state.space, active, state.parameters)
@@ -471,10 +473,10 @@ class OnlineLearner:
         return JointProblem(members, parameters, prior, task)
 
     def _begin_at_present(self, fit: JointFit, problem: JointProblem) -> None:
-        known = GaussianPrior(self.state.unit, self.state.prior.precision)
+        known = Gaussian.about(self.state.unit, self.state.prior.precision)
         self._begin_at(fit, problem, known)
 
-    def _begin_at(self, fit: JointFit, problem: JointProblem, known: GaussianPrior) -> None:
+    def _begin_at(self, fit: JointFit, problem: JointProblem, known: Gaussian) -> None:
         """Let a fit begin at what is known, with the initial states that were found last."""
         unit = np.clip(known.mean, 0.0, 1.0)[problem.parameters]
         states = [member.fit for member in problem.members]
@@ -497,7 +499,7 @@ class OnlineLearner:
             for member in state.kept
         ]
         for parameters in self._families().values():
-            prior = state.retired.prior(state.centre)
+            prior = state.retired.bounded(state.centre)
             probability = change_probability(prior, likelihoods, parameters)
             if probability < self._options.false_alarm_rate:
                 state.forget_pair(parameters, ground=False)
@@ -521,7 +523,7 @@ class OnlineLearner:
             problem.members,
             fit.observation_fits(),
             fit.likelihoods(look_for_spins=with_spins),
-            agreement_weights(fit).tolist(),
+            fit.weights.tolist(),
             strict=True,
         ):
             member.fit, member.weight = observation_fit, weight
@@ -534,9 +536,7 @@ class OnlineLearner:
         """Let leave a window that is too full what says least, and go what left it first."""
         state = self.state
         while len(state.window) > self._options.window:
-            covariance: NDArray[np.float64] = np.asarray(
-                np.linalg.inv(state.prior.precision), dtype=np.float64
-            )
+            covariance = state.prior.covariance
             newest = state.processed - RECENT
             old = [member for member in state.window if member.number <= newest] or state.window[:1]
             leaving = min(old, key=lambda member: self._worth(member, covariance))
@@ -554,7 +554,7 @@ class OnlineLearner:
     def _let_go(self, member: Member) -> None:
         """Keep of an observation only what it says of the parameters."""
         state = self.state
-        state.retired.add(member.likelihood, member.weight)
+        state.retired = state.retired.plus([member.likelihood], [member.weight])
         state.retired_spins.add_all(member.likelihood.spins, member.weight)
         state.window = [each for each in state.window if each is not member]
         state.past = [each for each in state.past if each is not member]
@@ -572,7 +572,7 @@ class OnlineLearner:
             [(member.likelihood, member.weight) for member in kept],
             families,
             {family: self._count_of(members) for family, members in families.items()},
-            self._options.false_alarm_rate,
+            OUTWEIGHED if self._is_outweighed() else self._options.false_alarm_rate,
             FEWEST_CHANGED,
         )
         if change is None:
@@ -592,13 +592,23 @@ class OnlineLearner:
         state.unit = np.clip(state.prior.mean, 0.0, 1.0)
         self._fit_window(seconds_left)
         # Observations that agree on a change have compared it with what is published.
-        state.challenger, state.compared = state.posterior.copy(), change.length
+        state.challenger, state.compared = state.posterior, change.length
         state.score = change.length * LARGEST_VOTE
+
+    def _is_outweighed(self) -> bool:
+        """Whether what is remembered counts less, by its age, than what is set aside.
+
+        Not before observations are forgotten: until then what is known is what most agree on.
+        """
+        if self._options.time_constant == 0.0:
+            return False
+        remembered = sum(map(self._age_weight, self.state.kept))
+        return sum(map(self._age_weight, self.state.doubtful)) > remembered
 
     def _count_of(self, parameters: NDArray[np.int64]) -> int:
         """Number of observations that inform some parameters; retired ones are enough."""
         state = self.state
-        retired = state.retired.matrix[np.ix_(parameters, parameters)].any()
+        retired = state.retired.precision[np.ix_(parameters, parameters)].any()
         dependent = [member.likelihood.parameters for member in state.kept]
         count = sum(bool(np.isin(each, parameters).any()) for each in dependent)
         return count + (RECENT if retired else 0)
@@ -613,7 +623,7 @@ class OnlineLearner:
     def _publish(self) -> None:
         """Publish the estimate if it says something new; if it has moved far, once it has won."""
         state = self.state
-        if not state.posterior.matrix.any():
+        if not state.posterior.precision.any():
             return
         if state.published is not None and has_moved_far(state):
             if not has_won(state):
@@ -626,7 +636,7 @@ class OnlineLearner:
         observations = [self._observations[member.id] for member in state.window]
         cost = TrajectoryCost(observations, self._simulator, state.materials)
         state.published = next_version(state, float(cost.costs([state.parameters])[0]))
-        state.published_information = state.posterior.copy()
+        state.published_information = state.posterior
         state.end_trial()
 
     def _drop_observations(self) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
@@ -15,15 +17,14 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_places
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, ParameterSpace, parameter_vector
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import (
+from intuitive_physics_learner.joint_estimation.joint_fit import ObservationFit
+from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
+from intuitive_physics_learner.joint_estimation.spin_evidence import (
     SpinEvidence,
     SpinLikelihood,
 )
-from intuitive_physics_learner.joint_estimation.joint_fit import ObservationFit
-from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
 from intuitive_physics_learner.online.change_point import ChangePoint
-from intuitive_physics_learner.online.information import Information, decode_array, encode_array
-from intuitive_physics_learner.search.learning_task import GaussianPrior
+from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
@@ -96,15 +97,15 @@ class OnlineState:
     materials: tuple[str, ...]
     centre: NDArray[np.float64]
     unit: NDArray[np.float64]
-    ground: Information
-    retired: Information
-    posterior: Information
+    ground: Gaussian
+    retired: Gaussian
+    posterior: Gaussian
     window: list[Member] = field(default_factory=list)
     past: list[Member] = field(default_factory=list)
     doubtful: list[Member] = field(default_factory=list)
     published: LearnedParameters | None = None
-    published_information: Information = field(default_factory=lambda: Information.none(0))
-    challenger: Information | None = None
+    published_information: Gaussian = field(default_factory=lambda: Gaussian.nothing(0))
+    challenger: Gaussian | None = None
     score: float = 0.0
     compared: int = 0
     processed: int = 0
@@ -139,18 +140,13 @@ class OnlineState:
         """Let the last `count` observations be the first, after which the next refit is due."""
         self.begun, self.next_refit = self.used - count, max(2 * count, 1)
 
-    def before_window(self) -> Information:
+    def before_window(self) -> Gaussian:
         """Return what is known without the observations of the window."""
-        information = self.retired.copy()
-        for member in self.past:
-            information.add(member.likelihood, member.weight)
-        return information
+        return self.retired.plus(*_likelihoods(self.past))
 
     def add_up(self) -> None:
         """Take into the posterior what all observations say."""
-        self.posterior = self.before_window()
-        for member in self.window:
-            self.posterior.add(member.likelihood, member.weight)
+        self.posterior = self.before_window().plus(*_likelihoods(self.window))
 
     def forget_pair(self, parameters: NDArray[np.int64], *, ground: bool) -> None:
         """Let what is known of some parameters without the kept observations be forgotten.
@@ -159,14 +155,12 @@ class OnlineState:
         before all observations is forgotten as well.
         """
         if ground:
-            self.ground.forget(parameters)
-            self.ground.join(self.given().part(parameters))
-        self.retired.forget(parameters)
-        self.retired.join(self.ground.part(parameters))
+            self.ground = self.ground.without(parameters).joined(self.given().part(parameters))
+        self.retired = self.retired.without(parameters).joined(self.ground.part(parameters))
 
     def begin_trial(self) -> None:
         """Let what is known now stand against what is published."""
-        self.challenger, self.score, self.compared = self.posterior.copy(), 0.0, 0
+        self.challenger, self.score, self.compared = self.posterior, 0.0, 0
 
     def end_trial(self) -> None:
         """Let nothing stand against what is published."""
@@ -206,18 +200,18 @@ class OnlineState:
         values = np.where(free, parameter_vector(estimate), given)
         return parameters_of_vector(self.materials, values)
 
-    def given(self) -> Information:
+    def given(self) -> Gaussian:
         """Return what a user knows of the parameters besides all observations."""
         published, mean = self.published, self.centre
         if published is None or published.given is None:
-            return Information.none(mean.size)
+            return Gaussian.nothing(mean.size)
         prior = published.given.prior
-        return Information.about(prior.mean, prior.information)
+        return Gaussian.about(prior.mean, prior.information)
 
     @property
-    def prior(self) -> GaussianPrior:
+    def prior(self) -> Gaussian:
         """Knowledge before the next observation."""
-        return self.posterior.prior(self.centre)
+        return self.posterior.bounded(self.centre)
 
     def know_materials(self, materials: Sequence[str]) -> None:
         """Take up materials of which nothing is known, beside those there are."""
@@ -233,7 +227,7 @@ class OnlineState:
         for name in _INFORMATION:
             information = getattr(self, name)
             if information is not None:
-                setattr(self, name, information.spread(places, centre.size))
+                setattr(self, name, information.among(places, centre.size))
         for member in (*self.kept, *self.doubtful):
             parameters = places[member.likelihood.parameters]
             member.likelihood = replace(member.likelihood, parameters=parameters)
@@ -244,7 +238,7 @@ class OnlineState:
     def empty() -> OnlineState:
         """Before any observation."""
         nothing = np.zeros(0)
-        nothings = Information.none(0), Information.none(0), Information.none(0)
+        nothings = Gaussian.nothing(0), Gaussian.nothing(0), Gaussian.nothing(0)
         return OnlineState((), nothing, nothing.copy(), *nothings)
 
     def to_json(self) -> str:
@@ -312,7 +306,7 @@ MEMBERS = ("window", "past", "doubtful")
 """Fields that are lists of `Member`."""
 
 _INFORMATION = ("ground", "retired", "posterior", "published_information", "challenger")
-"""Fields that are an `Information`, the last of which may be None."""
+"""Fields that are a `Gaussian`, the last of which may be None."""
 
 
 def _read_change(data: Mapping[str, Any]) -> tuple[ChangePoint, int]:
@@ -320,16 +314,21 @@ def _read_change(data: Mapping[str, Any]) -> tuple[ChangePoint, int]:
     return ChangePoint(pair, data["length"], data["probability"]), int(data["before"])
 
 
-def _information_data(information: Information | None) -> dict[str, Any] | None:
+def _likelihoods(members: Sequence[Member]) -> tuple[list[LocalLikelihood], list[float]]:
+    """Return what members say of the parameters, and their weights."""
+    return [member.likelihood for member in members], [member.weight for member in members]
+
+
+def _information_data(information: Gaussian | None) -> dict[str, Any] | None:
     if information is None:
         return None
-    return {"matrix": encode_array(information.matrix), "vector": encode_array(information.vector)}
+    return {"matrix": encode_array(information.precision), "vector": encode_array(information.pull)}
 
 
-def _read_information(data: Mapping[str, Any] | None) -> Information | None:
+def _read_information(data: Mapping[str, Any] | None) -> Gaussian | None:
     if data is None:
         return None
-    return Information(decode_array(data["matrix"]), decode_array(data["vector"]))
+    return Gaussian(decode_array(data["matrix"]), decode_array(data["vector"]))
 
 
 def _member_data(member: Member) -> dict[str, Any]:
@@ -369,3 +368,22 @@ def _read_member(data: Mapping[str, Any]) -> Member:
         ),
         data["weight"],
     )
+
+
+FASTEST = 1
+"""Level of zlib: matrices are mostly zeros where materials are many, and that is all it finds."""
+
+
+def encode_array(array: NDArray[np.float64]) -> dict[str, Any]:
+    """Return an array as plain data, to its last digit.
+
+    `array` (...,) of any shape.
+    """
+    packed = zlib.compress(np.ascontiguousarray(array, dtype="<f8").tobytes(), FASTEST)
+    return {"shape": list(array.shape), "zlib": base64.b64encode(packed).decode("ascii")}
+
+
+def decode_array(data: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Return the array (...,) that `encode_array` wrote."""
+    raw = zlib.decompress(base64.b64decode(data["zlib"]))
+    return np.frombuffer(raw, dtype="<f8").reshape(data["shape"]).astype(np.float64)

@@ -43,10 +43,10 @@ class OnlineOptions:
     )
     false_alarm_rate: float = number(
         1e-4,
-        1e-12,
+        0.0,
         0.1,
         "chance for each observation that a change of the parameters of a pair is noticed where "
-        "there is none",
+        "there is none; 0: no change is looked for",
     )
 
     def __post_init__(self) -> None:

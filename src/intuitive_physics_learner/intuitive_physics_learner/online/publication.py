@@ -18,10 +18,10 @@ from intuitive_physics.parameter_posterior import (
 )
 from intuitive_physics.parameter_space import parameter_vector
 from intuitive_physics_learner.methods import JOINT_METHOD
-from intuitive_physics_learner.online.information import Information, jackknife_variances
+from intuitive_physics_learner.online.jackknife import jackknife_variances
 from intuitive_physics_learner.online.online_state import OnlineState
+from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.identifiability import widened_information
-from intuitive_physics_learner.search.learning_task import GaussianPrior
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 
 SURPRISING_MOVE = 1.0
@@ -46,7 +46,7 @@ def is_new(state: OnlineState) -> bool:
     """Whether the estimate says something that what is published does not."""
     if state.published is None:
         return True
-    published = state.published_information.prior(state.centre)
+    published = state.published_information.bounded(state.centre)
     return bool(_differs(state, published).any()) or _has_new_spins(state, state.published)
 
 
@@ -69,7 +69,7 @@ def next_version(state: OnlineState, cost: float) -> LearnedParameters:
     """Return the estimate as the next version of θ_s; `cost` is its J over the window."""
     space, held, published = state.space, state.held, state.published
     parameters, widths = state.parameters, _deviations(state)
-    information = widened_information(state.posterior.matrix, np.ones(widths.size), widths)
+    information = widened_information(state.posterior.precision, np.ones(widths.size), widths)
     identified = held | (widths < LARGEST_DEVIATION)
     slopes = space.slopes(state.unit)
     covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(widths.size))
@@ -114,11 +114,11 @@ def _kept_intervals(state: OnlineState) -> NDArray[np.bool_]:
     if published is None:
         return np.zeros(state.unit.size, dtype=bool)
     posterior = published.whole_posterior().within(state.space.bounds)
-    before = Information.of(posterior, state.held).prior(state.centre)
+    before = Gaussian.of(posterior, state.held).bounded(state.centre)
     return ~np.isnan(posterior.intervals[:, 0]) & ~_differs(state, before)
 
 
-def _differs(state: OnlineState, before: GaussianPrior) -> NDArray[np.bool_]:
+def _differs(state: OnlineState, before: Gaussian) -> NDArray[np.bool_]:
     """Which parameters (n,) are known otherwise than before, by more than is worth telling."""
     deviations = state.prior.deviations
     moved = _distance(state, before) > SMALLEST_MOVE * deviations
@@ -142,13 +142,13 @@ def _has_near_challenger(state: OnlineState) -> bool:
     return challenger is not None and not _is_away(state, challenger, STRAYED)
 
 
-def _is_away(state: OnlineState, information: Information, deviations: float) -> bool:
+def _is_away(state: OnlineState, information: Gaussian, deviations: float) -> bool:
     """Whether the estimate is farther than some standard deviations from what something says."""
-    prior = information.prior(state.centre)
+    prior = information.bounded(state.centre)
     return bool((_distance(state, prior) > deviations * prior.deviations).any())
 
 
-def _distance(state: OnlineState, prior: GaussianPrior) -> NDArray[np.float64]:
+def _distance(state: OnlineState, prior: Gaussian) -> NDArray[np.float64]:
     """Distance (n,) of the estimate from a mean, which may lie outside the bounds, in widths."""
     return np.abs(state.unit - np.clip(prior.mean, 0.0, 1.0))
 

@@ -8,58 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
-from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.cost.partial_cost import PartialCost
+from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.search_space import ActiveSpace, PartialSpace, SearchSpace
-
-
-@dataclass(frozen=True, eq=False)
-class GaussianPrior:
-    """Gaussian knowledge of n parameters before the observations, on the unit cube of their search.
-
-    Parameters
-    ----------
-    mean : (n,) point of the unit cube
-    precision : (n, n) inverse covariance, per width²
-    """
-
-    mean: NDArray[np.float64]
-    precision: NDArray[np.float64]
-
-    @staticmethod
-    def uninformative(start: NDArray[np.float64]) -> GaussianPrior:
-        """Only the bounds are known; `start` (n,) is the mean."""
-        return GaussianPrior(start.copy(), UNIFORM_PRECISION * np.eye(start.size))
-
-    @property
-    def deviations(self) -> NDArray[np.float64]:
-        """Standard deviation (n,) of each parameter, in widths."""
-        return np.sqrt(np.diag(np.linalg.inv(self.precision)))
-
-    def losses(self, units: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the negative logarithm of the density (c,), but for a constant.
-
-        `units` (c, n) points of the unit cube.
-        """
-        off = units - self.mean
-        return 0.5 * np.einsum("ci,ij,cj->c", off, self.precision, off)
-
-    def scores(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the gradient (n,) of the loss, per width.
-
-        `unit` (n,) point of the unit cube.
-        """
-        return self.precision @ (unit - self.mean)
-
-    def marginal(self, chosen: NDArray[np.int64]) -> GaussianPrior:
-        """Return what is known of some of the parameters alone.
-
-        `chosen` (k,) indices of parameters.
-        """
-        covariance = np.linalg.inv(self.precision)[np.ix_(chosen, chosen)]
-        return GaussianPrior(self.mean[chosen], np.linalg.inv(covariance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +31,7 @@ class FitTask:
     cost: Cost
     space: SearchSpace
     influence: NDArray[np.bool_]
-    prior: GaussianPrior
+    prior: Gaussian
     given_weights: NDArray[np.float64] | None = None
 
     @property
@@ -132,7 +85,7 @@ class LearningTask:
     space: ParameterSpace
     influence: NDArray[np.bool_]
     start: StaticParameters
-    knowledge: GaussianPrior | None = None
+    knowledge: Gaussian | None = None
     detected_cost: Cost | None = None
     start_was_learned: bool = False
 
@@ -152,9 +105,9 @@ class LearningTask:
         return self.searched.to_unit(self.start)
 
     @property
-    def prior(self) -> GaussianPrior:
+    def prior(self) -> Gaussian:
         """Knowledge of the active parameters before these observations."""
-        return self.knowledge or GaussianPrior.uninformative(self.begin)
+        return self.knowledge or Gaussian.within_bounds(self.begin)
 
     @property
     def fit_task(self) -> FitTask:

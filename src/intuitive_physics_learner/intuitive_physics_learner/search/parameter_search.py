@@ -159,15 +159,6 @@ class Search(ABC):
         trials = identification_trials(task.influence)
         return seconds * trials / (self.iterations * len(task.influence))
 
-    def lengths_beyond(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Return how far each observation is from undisturbed motions beyond where its fit stops.
-
-        Returns `lengths` (n_observations,) σ, of residuals; NaN where a fit does not stop; `times`
-        (n_observations,) s after the start, where that is. None where the search fits no
-        trajectories.
-        """
-        return None
-
     def state_dict(self) -> dict[str, Any]:
         """Plain data from which a search over the same space and cost continues exactly."""
         return {

@@ -34,6 +34,10 @@ TOLERANCE = 1e-3
 """Change of speed that a sweep may leave where the search finds no end, as a part of the impact's
 speed."""
 
+STICKING = 1.0 - 1e-6
+"""Part of the greatest friction below which a contact sticks. One that slips uses all of it but for
+rounding, which must not decide."""
+
 ROUNDS_A_CONTACT = 4
 """Most impacts for each contact; what still approaches is left to the solver of what presses."""
 
@@ -149,7 +153,7 @@ def _let_roll(world, first, last):
         contact = contact_at(world, c)
         grip = contact.friction * contact.impulse[0]
         used = sqrt(contact.impulse[1] ** 2 + contact.impulse[2] ** 2)
-        contact.rolls = contact.roll_radius > 0.0 and used < grip
+        contact.rolls = contact.roll_radius > 0.0 and used < STICKING * grip
         if contact.rolls == 1:
             rolling, arm = body_at(world, contact.first), load(contact.arm)
             if rolling.kind == BOX and contact.second >= 0:

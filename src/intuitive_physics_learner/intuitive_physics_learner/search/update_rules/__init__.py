@@ -8,11 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from intuitive_physics_learner.errors import UnknownMethodError
-from intuitive_physics_learner.search.update_rules.cma_es import (
-    CmaEs,
-    RestartedCmaEs,
-    SeparableCmaEs,
-)
+from intuitive_physics_learner.search.update_rules.cma_es import CmaEs
 from intuitive_physics_learner.search.update_rules.grid_and_random_search import (
     GridSearch,
     RandomSearch,
@@ -56,9 +52,9 @@ UPDATE_RULES: dict[str, type[UpdateRule]] = {
 """The paper's nine."""
 
 FURTHER_RULES: dict[str, type[UpdateRule]] = {
-    rule.name: rule for rule in (SeparableCmaEs, RestartedCmaEs, BoundedAdaptiveRandomSearch)
+    rule.name: rule for rule in (BoundedAdaptiveRandomSearch,)
 }
-"""For what the nine are not made for: hundreds of parameters, many local optima, large J."""
+"""For what the nine are not made for: a J that is large beside the interval."""
 
 ALL_RULES: dict[str, type[UpdateRule]] = {**UPDATE_RULES, **FURTHER_RULES}
 """The nine and the further ones."""

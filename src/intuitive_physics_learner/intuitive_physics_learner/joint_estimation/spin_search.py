@@ -20,9 +20,10 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.coordinate_scan import SMALLEST_SCAN_GAIN
 from intuitive_physics_learner.joint_estimation.fit_horizons import RETREAT, TrajectoryFits
-from intuitive_physics_learner.joint_estimation.initial_spins.spin_evidence import UnknownSpin
 from intuitive_physics_learner.joint_estimation.linearisation import residuals_at
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
+from intuitive_physics_learner.joint_estimation.spin_evidence import UnknownSpin
+from intuitive_physics_learner.joint_estimation.trajectory_model import Estimate, TrajectoryModel
 
 TRIED = 64
 """Spins simulated in each round."""
@@ -32,24 +33,39 @@ WIDTHS = (3.0, 1.0, 0.3, 0.1, 0.03)
 the best spin of the last round, Gauss-Newton steps converge."""
 
 
-def search_spins(
+def other_spins(
+    model: TrajectoryModel, estimate: Estimate
+) -> dict[int, tuple[NDArray[np.float64], float]]:
+    """Find spins that explain more of what comes beyond the horizons than those of an estimate.
+
+    Returns
+    -------
+    By observation, where there are any, deviations (d,) from its observed initial states, and the
+    time in s where the next misfit of the given fit would show, up to which they explain more.
+    """
+    parameters = model.space.to_parameters(estimate.unit)
+    others = {}
+    for block, fits in zip(model.blocks, estimate.fits, strict=True):
+        unknown = [model.unknown_spins[int(member)] for member in block.members]
+        reach = fits.horizons + RETREAT + model.largest_advance
+        estimates, ends, gained = _searched(model.cost, block, fits, unknown, parameters, reach)
+        for row in np.flatnonzero(gained).tolist():
+            others[int(block.members[row])] = estimates[row], float(ends[row])
+    return others
+
+
+def _searched(
     cost: Cost,
     block: ObservationBlock,
     fits: TrajectoryFits,
     unknown: Sequence[Sequence[UnknownSpin]],
     parameters: StaticParameters,
-    largest_advance: float,
+    reach: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Find spins that explain more of what comes beyond the horizons of fits.
-
-    Returns `estimates` (W, d) as of the fits, with the best spin found; `ends` (W,) s, where the
-    next misfit of the given fit would show; `gained` (W,) bool, where this spin explains more up to
-    there.
-    """
+    """Return estimates (W, d) with the best spins, ends (W,) s, and whether (W,) they gain."""
     ends_early = (fits.horizons < block.durations) & np.array([bool(each) for each in unknown])
     if not ends_early.any():
         return fits.estimate, fits.horizons, ends_early
-    reach = fits.horizons + RETREAT + largest_advance
     ends = np.where(ends_early, np.minimum(reach, block.durations), 0.0)
     near, far = block.shortened(ends), replace(fits, horizons=ends)
 

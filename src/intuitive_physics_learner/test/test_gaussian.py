@@ -1,4 +1,4 @@
-"""Gaussian knowledge in information form, against the same by covariances."""
+"""Gaussian knowledge in information form, against the same by covariances and by slopes."""
 
 import numpy as np
 import pytest
@@ -6,14 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from intuitive_physics_learner.joint_estimation.local_likelihood import LocalLikelihood
-from intuitive_physics_learner.online.information import (
-    Information,
-    decode_array,
-    encode_array,
-    jackknife_variances,
-)
-from intuitive_physics_learner.search.learning_task import UNIFORM_PRECISION, GaussianPrior
+from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
+from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
+from intuitive_physics_learner.online.jackknife import jackknife_variances
+from intuitive_physics_learner.online.online_state import decode_array, encode_array
+from intuitive_physics_learner.search.gaussian import Gaussian
 
 
 def random_precision(generator, size, scale=100.0):
@@ -31,12 +28,11 @@ def likelihood(generator, parameters, best, scale=100.0):
 
 def test_observations_add_up_to_the_product_of_their_likelihoods():
     generator = np.random.default_rng(0)
-    centre, information = np.array([0.3, 0.5, 0.6]), Information.none(3)
+    centre = np.array([0.3, 0.5, 0.6])
     summand = likelihood(generator, [0, 2], np.array([0.2, 0.7]))
     other = likelihood(generator, [1, 2], np.array([0.4, 0.8]))
-    information.add(summand)
-    information.add(other, 0.5)
-    prior = information.prior(centre)
+    information = Gaussian.nothing(3).plus([summand, other], [1.0, 0.5])
+    prior = information.bounded(centre)
 
     def slope(unit):
         total = UNIFORM_PRECISION * (unit - centre)
@@ -54,7 +50,7 @@ def test_observations_add_up_to_the_product_of_their_likelihoods():
 
 
 def test_nothing_known_is_the_centre_within_the_bounds():
-    prior = Information.none(2).prior(np.array([0.2, 0.9]))
+    prior = Gaussian.nothing(2).bounded(np.array([0.2, 0.9]))
     assert prior.mean == pytest.approx([0.2, 0.9])
     assert prior.deviations == pytest.approx(np.full(2, 12.0**-0.5))
 
@@ -63,20 +59,40 @@ def test_forgetting_parameters_leaves_the_marginal_of_the_others():
     generator = np.random.default_rng(1)
     matrix = random_precision(generator, 4)
     mean = generator.uniform(size=4)
-    information = Information.about(mean, matrix)
-    information.forget(np.array([1, 3]))
-    expected = GaussianPrior(mean, matrix).marginal(np.array([0, 2]))
-    assert information.matrix[np.ix_([0, 2], [0, 2])] == pytest.approx(expected.precision)
-    left = np.linalg.solve(information.matrix[np.ix_([0, 2], [0, 2])], information.vector[[0, 2]])
+    information = Gaussian.about(mean, matrix).without(np.array([1, 3]))
+    expected = Gaussian.about(mean, matrix).marginal(np.array([0, 2]))
+    assert information.precision[np.ix_([0, 2], [0, 2])] == pytest.approx(expected.precision)
+    left = np.linalg.solve(information.precision[np.ix_([0, 2], [0, 2])], information.pull[[0, 2]])
     assert left == pytest.approx(mean[[0, 2]])
-    assert not information.matrix[[1, 3]].any()
-    assert not information.vector[[1, 3]].any()
+    assert not information.precision[[1, 3]].any()
+    assert not information.pull[[1, 3]].any()
+
+
+def test_widening_adds_variances_and_keeps_correlations():
+    # Cov(u + e) = P + D for independent errors e ~ N(0, D).
+    generator = np.random.default_rng(2)
+    known = Gaussian.about(generator.uniform(size=3), random_precision(generator, 3))
+    deviations = np.array([0.0, 0.1, 0.3])
+    wider = known.widened(deviations)
+    np.testing.assert_allclose(wider.covariance, known.covariance + np.diag(deviations**2))
+    np.testing.assert_array_equal(wider.mean, known.mean)
+    nothing = Gaussian.about(np.full(3, 0.5), np.zeros((3, 3)))
+    assert not nothing.widened(deviations).precision.any()
+
+
+def test_a_weight_of_minus_one_takes_away_what_was_added():
+    generator = np.random.default_rng(4)
+    before = Gaussian.about(generator.uniform(size=3), random_precision(generator, 3))
+    summand = likelihood(generator, [0, 2], np.array([0.2, 0.7]))
+    after = before.plus([summand], [0.5]).plus([summand], [-0.5])
+    np.testing.assert_allclose(after.precision, before.precision)
+    np.testing.assert_allclose(after.mean, before.mean)
 
 
 def test_jackknife_variance_of_a_mean():
     generator = np.random.default_rng(3)
     count, sharpness = 400, 1e4
-    information, likelihoods = Information.none(1), []
+    likelihoods = []
     for _ in range(count):
         about = np.array([0.5])
         best = about + generator.normal(0.0, sharpness**-0.5, 1)
@@ -84,11 +100,11 @@ def test_jackknife_variance_of_a_mean():
         likelihoods.append(
             LocalLikelihood(np.array([0]), about, matrix, matrix @ (about - best), 0.0)
         )
-        information.add(likelihoods[-1])
+    information = Gaussian.nothing(1).plus(likelihoods)
     (variance,) = jackknife_variances(information, np.array([0.5]), likelihoods, np.ones(count))
     assert variance == pytest.approx(1.0 / (count * sharpness), rel=0.3)
     lone = LocalLikelihood(np.array([0]), np.array([0.6]), np.array([[1e9]]), np.zeros(1), 0.0)
-    information.add(lone)
+    information = information.plus([lone])
     (variance,) = jackknife_variances(
         information, np.array([0.5]), [*likelihoods, lone], np.ones(count + 1)
     )

@@ -28,7 +28,7 @@ from intuitive_physics_learner.cost.packed_observations import (
 )
 from intuitive_physics_learner.joint_estimation.fit_horizons import FAILED_LENGTH
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.normal_equations import OUTLIER_LENGTH, robust_loss
+from intuitive_physics_learner.joint_estimation.normal_equations import robust_loss
 
 MOTIONS = (64, 256)
 """Motions that are followed: first of all observations, then of those with a notable misfit."""
@@ -157,7 +157,7 @@ class _SeenPoints:
         whitening = self.whitening[row, :, after]
         there = whitening.any(axis=(2, 3))
         lengths = np.linalg.norm((whitening @ offsets[..., None])[..., 0], axis=-1)[there]
-        return bool(robust_loss(lengths, OUTLIER_LENGTH).mean() < RESTING_LOSS)
+        return bool(robust_loss(lengths).mean() < RESTING_LOSS)
 
     def segment(
         self, rows: NDArray[np.int64], begin: NDArray[np.int64], end: NDArray[np.int64]
@@ -186,7 +186,7 @@ class _SeenPoints:
         lengths = np.linalg.norm(whitened, axis=-1)
         lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
         there = self.precisions[:, None] > 0.0
-        return np.where(there, robust_loss(lengths, OUTLIER_LENGTH), 0.0)
+        return np.where(there, robust_loss(lengths), 0.0)
 
 
 class _Motions:

@@ -184,9 +184,9 @@ def _bare(scene: RealScene, rng: np.random.Generator) -> RealScene | None:
     before = ForegroundFinder(run.model, settings).before(points.reshape(-1, 3))
     stands = np.zeros(scene.depth.size, dtype=bool)
     stands[before] = True
-    stands = stands.reshape(scene.depth.shape)
     behind = _behind(scene, run.model)
-    return replace(scene, depth=np.where(stands, behind, scene.depth))
+    bare = np.where(stands.reshape(scene.depth.shape), behind, scene.depth)
+    return replace(scene, depth=bare)
 
 
 def _behind(scene: RealScene, model: EnvironmentModel) -> NDArray[np.float32]:

@@ -28,7 +28,7 @@ from intuitive_physics_learner.cost.packed_observations import (
 )
 from intuitive_physics_learner.joint_estimation.fit_horizons import FAILED_LENGTH
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.normal_equations import robust_loss
+from intuitive_physics_learner.joint_estimation.normal_equations import huber_weights, robust_loss
 
 MOTIONS = (64, 256)
 """Motions that are followed: first of all observations, then of those with a notable misfit."""
@@ -360,9 +360,7 @@ def _jump(
         velocities = (zeroth[..., None] * moments - first[..., None] * sums) / determinant
         moved = displacements[..., None, :] + velocities[..., None, :] * since[..., None]
         lengths = np.linalg.norm(finite - moved, axis=-1) * np.sqrt(precisions[:, None])
-        weights = precisions[:, None] * np.minimum(
-            1.0, OUTLIER_LENGTH / np.maximum(lengths, OUTLIER_LENGTH)
-        )
+        weights = precisions[:, None] * huber_weights(lengths)
     squares = prior[0] * (displacements**2).sum(axis=3) + prior[1] * (velocities**2).sum(axis=3)
     return _Jump(displacements, velocities, 0.5 * squares.sum(axis=2), offsets - moved)
 

@@ -143,8 +143,8 @@ def plane_parts(
     """Split a polygon (k, 2) m into disjoint convex parts around its openings, largest first.
 
     An edge of an opening is up to two cells off, `EDGE_CELLS`. An opening that reaches the border
-    of what was seen, `hull` (n, 2) m, is taken to go on there. `corner`, `cell` and `is_open` are
-    those of `opening_mask`. All polygons are convex and counter-clockwise.
+    of what was seen, `hull` (n, 2) m, is taken to go on there. `corner` (2,) m, `cell` m and
+    `is_open` (j, l) are those of `opening_mask`. All polygons are convex and counter-clockwise.
     """
     from scipy.ndimage import label
 
@@ -229,7 +229,10 @@ def _cut_out(
 def clip_flat(
     polygon: NDArray[np.float64], normal: NDArray[np.float64], bound: float
 ) -> NDArray[np.float64]:
-    """Return the part (k, 2) of a convex polygon (n, 2) m with normal · p ≥ bound."""
+    """Return the part (k, 2) of a convex polygon with normal · p ≥ bound.
+
+    `polygon` (n, 2) m; `normal` (2,) unit vector; `bound` m.
+    """
     flat = np.column_stack([polygon, np.zeros(len(polygon))])
     return clip_polygon(flat, np.append(normal, 0.0), bound)[:, :2]
 
@@ -237,8 +240,8 @@ def clip_flat(
 def simplified(
     corners: NDArray[np.float64], tolerance: float, most: int | None = None
 ) -> NDArray[np.float64]:
-    """Drop corners of a convex polygon (n, 2) that stand out less than the tolerance from a side,
-    and further ones until there are at most `most`.
+    """Drop corners of a convex polygon, `corners` (n, 2), that stand out less than the tolerance
+    from a side, and further ones until there are at most `most`.
 
     The least prominent goes first (Visvalingam's order, by height instead of area).
     """

@@ -248,8 +248,10 @@ def _triples(
 
 
 def planes_through(triples: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the planes (m, 4), normal to the sensor's side and offset in m, through triples of
-    points (n, 3, 3) m; m ≤ n: degenerate ones are left out."""
+    """Return the planes (m, 4), normal to the sensor's side and offset in m, through three points.
+
+    `triples` (n, 3, 3) m; m ≤ n: degenerate ones are left out.
+    """
     a, b, c = triples[:, 0], triples[:, 1], triples[:, 2]
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1)
@@ -285,8 +287,10 @@ def _least_squares(cloud: RangeCloud, inliers: NDArray[np.intp]) -> NDArray[np.f
 def least_squares_plane(
     points: NDArray[np.float64], weights: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    """Return the plane (4,), normal to the sensor's side and offset in m, nearest to points (n, 3)
-    m with `weights` (n,), all the same if not given."""
+    """Return the plane (4,), normal to the sensor's side and offset in m, nearest to points.
+
+    `points` (n, 3) m; `weights` (n,) of their squared distances, all the same if not given.
+    """
     centre = np.average(points, axis=0, weights=weights)
     centred = points - centre
     scatter = centred.T @ (centred if weights is None else centred * weights[:, None])

@@ -89,7 +89,8 @@ class RangeCloud:
         return self.connected(np.flatnonzero(near))
 
     def connected(self, inliers: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-        """Split the indices (n,) of points into parts that are seen as one, largest first."""
+        """Split points, `inliers` (n,) their indices, into parts that are seen as one, largest
+        first."""
         if not inliers.size:
             return [inliers]
         labels = _connected_labels(self.points[inliers] / self.ranges[inliers, None])
@@ -146,7 +147,7 @@ def convex_hull(places: NDArray[np.float64]) -> NDArray[np.float64] | None:
 def in_polygon(
     polygon: NDArray[np.float64] | None, places: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Mark the places (n, 2) in a convex polygon (k, 2), counter-clockwise; none without one."""
+    """Mark the `places` (n, 2) in a convex `polygon` (k, 2), counter-clockwise; none if None."""
     if polygon is None:
         return np.zeros(len(places), dtype=bool)
     along = np.roll(polygon, -1, axis=0) - polygon

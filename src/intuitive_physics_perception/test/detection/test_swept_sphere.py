@@ -52,6 +52,7 @@ def test_centre_radius_and_sweep_are_fitted_together(way, rng) -> None:
     assert fitted.sweep == pytest.approx(sweep, abs=0.006)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("least", [0.0, 0.5])
 @pytest.mark.parametrize(
     ("speed", "exposure"), [(3.0, 0.0), (3.0, 0.015), (8.0, 0.005), (8.0, 0.015)]

@@ -206,7 +206,9 @@ class Tracker:
         exposure, spread = self._settings.exposure, track.covariance[VELOCITY, VELOCITY]
         deviation = exposure * float(np.sqrt(np.linalg.eigvalsh(spread)[-1]))
         radius = float(track.mean[RADIUS])
-        return Start(np.append(place, radius), exposure * velocity, deviation)
+        # A swept surface shows the radius less well than the frames before did.
+        known = exposure > 0.0
+        return Start(np.append(place, radius), exposure * velocity, deviation, size_is_known=known)
 
     def _carry_on(self, time: float) -> None:
         for track in self._tracks:

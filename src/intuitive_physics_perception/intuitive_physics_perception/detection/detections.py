@@ -16,7 +16,8 @@ class Outline:
 
     Parameters
     ----------
-    new : part of its readings that lie where nothing was before; None where nothing is known of it
+    new, known : parts of its readings that lie where nothing was before, and where something was;
+        None where nothing is known of the space
     goes_on : part of the ring round its outline in which its cluster goes on
     level : part of the ring in which any surface goes on
     level_off_planes : the same for what is on no plane of the environment
@@ -25,6 +26,7 @@ class Outline:
     """
 
     new: float | None
+    known: float | None
     goes_on: float
     level: float
     level_off_planes: float

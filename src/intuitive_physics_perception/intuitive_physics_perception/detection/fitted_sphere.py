@@ -85,8 +85,8 @@ STATIC_VISIBLE = 0.9
 """Part of the outline in which the surface of such a sphere must be seen; set on the real scenes
 for tuning of `make bench-perception`."""
 
-NEW_VISIBLE = 0.8
-"""The same of a new one: of a ball with a radius of four pixels 0.85 is seen."""
+NEW_VISIBLE = 0.7
+"""The same of a new one: of a ball with a radius of four pixels 0.75 to 0.9 is seen."""
 
 SHAPE_MISFIT = 1.65
 """Mean squared error of the patches of a sphere's surface at most, in variances: three standard
@@ -393,10 +393,11 @@ class SphereFitter:
         seen = self._looked_round(view, fit.sphere)
         if self._misfit_of(seen.patches, fit) > SHAPE_MISFIT:
             return None
-        new = seen.new if view.knows_before else None
         goes_on = float(np.mean(seen.going_on > 0.5))
-        level_off_planes = seen.level_off_planes if view.knows_before else seen.level
-        return Outline(new, goes_on, seen.level, level_off_planes, seen.ends, visible)
+        if not view.knows_before:
+            return Outline(None, None, goes_on, seen.level, seen.level, seen.ends, visible)
+        off_planes = seen.level_off_planes
+        return Outline(seen.new, seen.known, goes_on, seen.level, off_planes, seen.ends, visible)
 
     def _looked_round(self, view: ClusterView, sphere: NDArray[np.float64]) -> OutlineView:
         return look_round_outline(*view.surroundings(sphere), sphere, view.pixel, self.noise)
@@ -433,12 +434,14 @@ def _is_new(outline: Outline) -> bool:
 def stands_apart(outline: Outline) -> bool:
     """Return whether a sphere ends all round its outline and is seen as a whole.
 
-    A bulge of a plane ends nowhere, but a plane was there before what is new.
+    A bulge of a plane ends nowhere, but a plane was there before what is new. Beside what stood
+    there before something must be read behind it; before the sky nothing is.
     """
     alone = (
         outline.goes_on <= STATIC_GOES_ON and outline.level_off_planes <= STATIC_LEVEL_OFF_PLANES
     )
     if _is_new(outline):
         return alone and outline.visible >= NEW_VISIBLE
-    ends = outline.level <= STATIC_LEVEL and outline.ends >= STATIC_ENDS
+    was_there = outline.known is not None and outline.known > 0.5
+    ends = outline.level <= STATIC_LEVEL and not (was_there and outline.ends < STATIC_ENDS)
     return alone and ends and outline.visible >= STATIC_VISIBLE

@@ -17,7 +17,7 @@ from intuitive_physics_perception.detection.sphere_fit import (
     INLIER_SIGMAS,
     surface_error,
 )
-from intuitive_physics_perception.environment.known_space import NEW
+from intuitive_physics_perception.environment.known_space import KNOWN, NEW
 
 LATTICE = 0.15
 """Spacing, in radii, of the lattice over the outline on which seen places are marked. Set by
@@ -90,7 +90,8 @@ class OutlineView(NamedTuple):
         does round a bulge
     level_off_planes : the same for what is on no plane of the environment
     ends : part of the ring's sectors in which what is read lies behind all that could go on
-    new : part of the readings on the surface that lie where nothing was before
+    new, known : parts of the readings on the surface that lie where nothing was before, and where
+        something was
     patches : (n_patches, 3) number of readings on the surface, mean of their distance outside it,
         m, and mean variance of that distance, m², by patch of the disc
     """
@@ -100,6 +101,7 @@ class OutlineView(NamedTuple):
     level_off_planes: float
     ends: float
     new: float
+    known: float
     patches: Any
 
 
@@ -213,7 +215,7 @@ def look_round_outline(
     off_planes = np.zeros(SECTORS, dtype=np.int64)
     total = np.zeros(SECTORS, dtype=np.int64)
     patches = np.zeros((PATCH_RINGS * SECTORS, 3))
-    new, on_surface = 0, 0
+    new, known, on_surface = 0, 0, 0
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         toward = x * cx + y * cy + z * cz
@@ -230,6 +232,7 @@ def look_round_outline(
                 continue
             on_surface += 1
             new += marks[i] == NEW
+            known += marks[i] == KNOWN
             if sine < EDGE_PART:
                 # Rings of equal area: as many readings in each.
                 ring = int(sine * sine / (EDGE_PART * EDGE_PART) * PATCH_RINGS)
@@ -257,6 +260,7 @@ def look_round_outline(
         level_off_planes / SECTORS,
         ends / SECTORS,
         new / max(on_surface, 1),
+        known / max(on_surface, 1),
         patches,
     )
 

@@ -299,7 +299,7 @@ class ModelledScene:
         `points` (height, width, 3) m.
         """
         if self._looking is not None and self._looking.done():
-            self._space.take(self._looking.result())
+            self._space.fill(self._looking.result())
             self._looking = None
         if self._looking is not None or clusters.unknown <= LOOKED_AT * clusters.readings:
             return
@@ -309,7 +309,7 @@ class ModelledScene:
         if self._background is not None:
             self._looking = self._background.submit(self._space.view, *job)
         else:
-            self._space.take(self._space.view(*job))
+            self._space.fill(self._space.view(*job))
 
     def find_spheres(
         self, points: NDArray[np.float32], clusters: Clusters, time: float, budget: FrameBudget

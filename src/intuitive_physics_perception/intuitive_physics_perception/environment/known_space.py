@@ -30,6 +30,9 @@ MOST_VIEWS = 8
 frame. A turn by 360° with an image of 60° takes six."""
 
 
+SAME_PLACE = 1e-9
+"""Shift in m, and turn in rad, up to which two views are from one place: numerical."""
+
 STEEPEST = 5.0
 """Slope of a surface, away from the line of sight, up to which all between the nearest and the
 farthest reading of a cell is the surface: what goes back more steeply is an edge."""
@@ -90,6 +93,18 @@ class KnownSpace:
         self._views.append(view)
         if len(self._views) > MOST_VIEWS:
             del self._views[1]
+
+    def fill(self, view: View) -> None:
+        """Take what a view shows that the one from the same place does not, if there is one: a
+        scanner whose pattern does not repeat fills it frame after frame."""
+        for k, old in enumerate(self._views):
+            if max(old.way.difference(view.way)) < SAME_PLACE:
+                empty = np.isinf(old.nearest)
+                nearest = np.where(empty, view.nearest, old.nearest)
+                farthest = np.where(empty, view.farthest, old.farthest)
+                self._views[k] = View(old.way, nearest, farthest)
+                return
+        self.take(view)
 
     def marks(self, readings: NDArray[np.float32], pose: RigidTransform) -> NDArray[np.uint8]:
         """Return what is known of where readings lie: KNOWN, NEW or UNKNOWN, (n,).

@@ -106,8 +106,16 @@ def test_the_first_view_stays_however_many_come() -> None:
 def test_frames_that_differ_fill_each_other() -> None:
     """A scanner whose pattern does not repeat sees in many frames what none shows whole."""
     frame = wall_frame().reshape(-1, 3)
-    parts = np.array_split(np.random.default_rng(0).permutation(frame), 8)
+    parts = np.array_split(np.random.default_rng(0).permutation(frame), 4 * MOST_VIEWS)
     space = KnownSpace(NOISE, SPACING)
-    space.take(space.view([part[None] for part in parts], RigidTransform()))
+    for part in parts:
+        space.fill(space.view([part[None]], RigidTransform()))
     before = (0.5 * frame).astype(np.float32)
     assert (space.marks(before, RigidTransform()) == NEW).all()
+
+
+def test_what_is_known_stays_where_a_view_is_filled() -> None:
+    """Something that passes later is no part of what stood there."""
+    space = space_of(wall_frame())
+    space.fill(space.view([wall_frame(post=True)], RigidTransform()))
+    assert mark_of(space, (0.0, 0.0, 0.5 * WALL), RigidTransform()) == NEW

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.kernels.warm_up import WarmUp
 from intuitive_physics_perception.appearance.sphere_image import sphere_image
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
@@ -44,10 +47,21 @@ def warm_up() -> None:
     clouds = [_as_cloud(frames[1], "<f4"), _as_cloud(frames[1], "<f8")]
     for k, points in enumerate([*frames[:2], *frames[1:], *clouds]):
         pipeline.process(points, 0.1 * k)
+    _look_from_elsewhere([*frames[:2], *frames[1:]])
+    _look_from_elsewhere([_as_cloud(points, "<f4") for points in (frames[0], *frames)])
     _look_at_ball(frames[1])
     _fit_swept_ball(frames[1])
     unpack_rvl(np.zeros(1, dtype="<u4"), 1)
     find_faces(_corner(), np.full(300, 1e-3), np.random.default_rng(0))
+
+
+def _look_from_elsewhere(frames: Sequence[NDArray[np.float32]]) -> None:
+    """Perceive frames of a sensor that has moved after the first one."""
+    pipeline = PerceptionPipeline(
+        PerceptionSettings(environment_frames=1), np.random.default_rng(0)
+    )
+    for k, points in enumerate(frames):
+        pipeline.process(points, 0.1 * k, pose=RigidTransform((0.1 * k, 0.0, 0.0)))
 
 
 def _corner() -> NDArray[np.float64]:

@@ -127,7 +127,11 @@ def scanned(
     return rises, fitted
 
 
-def compatible_moves(gains: NDArray[np.float64], influence: NDArray[np.bool_]) -> list[int]:
+def compatible_moves(
+    gains: NDArray[np.float64],
+    influence: NDArray[np.bool_],
+    least_gain: float = SMALLEST_SCAN_GAIN,
+) -> list[int]:
     """Choose parameters to move, the most gainful first, no two of which share an observation.
 
     `gains` (n,) by which moving each alone lowers the loss, in the unit of the loss; `influence`
@@ -137,7 +141,7 @@ def compatible_moves(gains: NDArray[np.float64], influence: NDArray[np.bool_]) -
     chosen: list[int] = []
     occupied = np.zeros(len(influence), dtype=bool)
     for parameter in np.argsort(-gains, kind="stable"):
-        if gains[parameter] < SMALLEST_SCAN_GAIN:
+        if gains[parameter] < least_gain:
             break
         if not (occupied & influence[:, parameter]).any():
             chosen.append(int(parameter))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
+from intuitive_physics_learner.joint_estimation.cost_descent import CostDescent
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.joint_identifiability import (
     curvature_simulations,
@@ -20,8 +21,7 @@ from intuitive_physics_learner.joint_estimation.several_starts import STARTS, dr
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.search.identifiability import Identifiability
 from intuitive_physics_learner.search.learning_task import LearningTask
-from intuitive_physics_learner.search.parameter_search import ParameterSearch, Search
-from intuitive_physics_learner.search.update_rules import make_update_rule
+from intuitive_physics_learner.search.parameter_search import Search
 
 LARGEST_MISFIT_SHARE = 0.3
 """Mean share of observations with a misfit above which the simulation must lack an effect: just
@@ -34,10 +34,6 @@ take 300 until the worse are dropped, and find in 1000 what one does in 300; set
 MISFIT_STEPS = 3
 """Steps that this mean is over; set by hand."""
 
-COST_RULE = "cma_es"
-"""Rule that lowers J then. On three sets of 40 recorded cube tosses (4 parameters) it found after
-600 to 800 evaluations the J of Gauss-Newton steps on J with scans to 3 %, and on a set of 5 objects
-(61 parameters) a lower one after 400; `hybrid_random` was up to 5 % above it on the cubes."""
 
 ASSESSMENT_SIMULATIONS = 200
 """Simulations of whole observations in a search that take as long as following the motions of one
@@ -52,13 +48,13 @@ class JointSearch(Search):
     take as many simulations.
 
     Where the share of trajectories that cannot be fitted is so large that the simulation must lack
-    an effect, there are no true θ_s and initial states to be found: from then on an update rule
-    lowers J itself, from the observed initial states.
+    an effect, there are no true θ_s and initial states to be found: from then on J itself is
+    lowered, from the observed initial states (`CostDescent`).
 
     Parameters
     ----------
     task : what to learn
-    generator : of the starts of fits, and of the random numbers of the rule that lowers J
+    generator : of the starts of fits, and of the random numbers of the descent of J
     """
 
     def __init__(self, task: LearningTask, generator: np.random.Generator) -> None:
@@ -70,7 +66,7 @@ class JointSearch(Search):
         self._staged = StagedFit(fit_task, np.array([fit_task.prior.mean, *drawn]))
         self._generator = generator
         self._evaluations = 0
-        self._lowering: ParameterSearch | None = None
+        self._descent = CostDescent(replace(fit_task, cost=task.cost), generator)
         self._misfits: list[float] = []
         self._lowest = self.fit.unit
         self._lowest_cost = np.inf
@@ -83,7 +79,7 @@ class JointSearch(Search):
     @property
     def lowers_cost(self) -> bool:
         """Whether the simulation lacks an effect, so that J itself is lowered."""
-        return self._lowering is not None
+        return bool(np.isfinite(self._descent.cost))
 
     @property
     def fits_trajectories(self) -> bool:
@@ -92,9 +88,7 @@ class JointSearch(Search):
 
     @property
     def best_parameters(self) -> StaticParameters:
-        if self._lowering is not None:
-            return self._lowering.best_parameters
-        return self._space.to_parameters(self.fit.unit)
+        return self._space.to_parameters(self._descent.unit if self.lowers_cost else self.fit.unit)
 
     def plan(self, most_iterations: int | None) -> None:
         if most_iterations is not None and most_iterations < FEWEST_FOR_STARTS:
@@ -102,9 +96,10 @@ class JointSearch(Search):
 
     def step(self, limit: int, relative_gain: float = 0.0) -> int:
         before = self.iterations
-        if self._lowering is not None:
-            for _ in range(self._lowering.step(limit)):
-                self._record(self._lowering.best_cost, relative_gain)
+        if self.lowers_cost:
+            if not self._descent.finished:
+                self._descent.step(limit)
+                self._count(self._descent.cost, relative_gain)
         elif not self._staged.settled:
             self._staged.step()
             self._evaluate(relative_gain)
@@ -112,7 +107,7 @@ class JointSearch(Search):
             self._misfits = [*self._misfits, self.fit.misfits][-count:]
             enough = len(self._misfits) == count or self._staged.settled
             if enough and np.mean(self._misfits) > LARGEST_MISFIT_SHARE:
-                self._lower_cost(relative_gain)
+                self._descent.begin(np.array([self.fit.prior.mean, self._lowest]))
         return self.iterations - before
 
     def conclude(self) -> None:
@@ -125,9 +120,13 @@ class JointSearch(Search):
             self._evaluate(0.0)
 
     def keep_start(self, task: LearningTask) -> bool:
-        if self._lowering is not None:
-            return self._lowering.keep_start(task)
-        return self.fit.return_if_better(task.begin)
+        if not self.lowers_cost:
+            return self.fit.return_if_better(task.begin)
+        (cost,) = task.cost.costs([task.start]).tolist()
+        better = bool(cost < self._descent.cost)
+        if better:
+            self._descent.unit, self._descent.cost = task.begin, cost
+        return better
 
     def identifiability(
         self,
@@ -165,7 +164,7 @@ class JointSearch(Search):
             "misfits": list(self._misfits),
             "lowest": self._lowest.tolist(),
             "lowest_cost": self._lowest_cost if self._history else None,
-            "lowering": None if self._lowering is None else self._lowering.state_dict(),
+            "descent": self._descent.state() if self.lowers_cost else None,
         }
 
     def load_own_state(self, state: Mapping[str, Any]) -> None:
@@ -174,29 +173,19 @@ class JointSearch(Search):
         self._misfits = list(state["misfits"])
         self._lowest = np.array(state["lowest"])
         self._lowest_cost = np.inf if state["lowest_cost"] is None else state["lowest_cost"]
-        if state["lowering"] is not None:
-            self._lowering = self._search_of_cost(self._lowest)
-            self._lowering.load_state(state["lowering"])
-
-    def _lower_cost(self, relative_gain: float) -> None:
-        """Lower J from now on, from the start of the task or where fits had the lowest J."""
-        start = self.fit.prior.mean
-        (cost,) = self._cost.costs([self._space.to_parameters(start)]).tolist()
-        self._lowering = self._search_of_cost(start if cost < self._lowest_cost else self._lowest)
-        # It evaluates where it begins first.
-        for _ in range(1 + self._lowering.step(1)):
-            self._record(min(cost, self._lowest_cost), relative_gain)
-
-    def _search_of_cost(self, start: NDArray[np.float64]) -> ParameterSearch:
-        rule = make_update_rule(COST_RULE, self._space.size, self._generator, start)
-        return ParameterSearch(self._cost.costs, self._space, rule)
+        if state["descent"] is not None:
+            self._descent.load_state(state["descent"])
 
     def _evaluate(self, relative_gain: float) -> None:
         (cost,) = self._cost.costs([self.best_parameters]).tolist()
         self._evaluations += 1
         if cost < self._lowest_cost:
             self._lowest, self._lowest_cost = self.fit.unit, cost
-        # Simulations count as the evaluations of J that take as many.
+        self._count(cost, relative_gain)
+
+    def _count(self, cost: float, relative_gain: float) -> None:
+        """Count simulations as evaluations of J, the last of which found `cost` m."""
         observations = len(self._cost.observations)
-        while (self.iterations - self._evaluations) * observations < self._staged.simulations:
+        simulations = self._staged.simulations + self._descent.simulations
+        while (self.iterations - self._evaluations) * observations < simulations:
             self._record(cost, relative_gain)

@@ -56,11 +56,6 @@ STEEPEST_SLOPE = 1.7320508
 read."""
 
 
-SECTOR_SIGMAS = 1.0
-"""Standard deviations of the range that are allowed for where most readings of a sector decide: a
-sector has about thirty, seven of which share their error."""
-
-
 class SphereView(NamedTuple):
     """Readings in the outline of a sphere.
 
@@ -241,12 +236,11 @@ def look_round_outline(
                 patches[patch, 1] += error
                 patches[patch, 2] += variance
         else:
-            behind = STEEPEST_SLOPE * (sine - 1.0) * r
+            is_near = ahead > -STEEPEST_SLOPE * (sine - 1.0) * r - BEHIND_SIGMAS * deviation
             total[sector] += 1
-            is_near = ahead > -behind - SECTOR_SIGMAS * deviation
             near[sector] += is_near
             off_planes[sector] += marks[i] != 0 and is_near
-            same[sector] += own[i] != 0 and ahead > -behind - BEHIND_SIGMAS * deviation
+            same[sector] += own[i] != 0 and is_near
     level, level_off_planes, ends = 0, 0, 0
     for k in range(SECTORS):
         level += 2 * near[k] > total[k]

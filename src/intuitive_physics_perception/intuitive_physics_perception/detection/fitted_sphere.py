@@ -71,8 +71,8 @@ STATIC_GOES_ON = 0.13
 where it touches one other thing."""
 
 STATIC_LEVEL = 0.375
-"""Part of the ring in which any surface may go on round such a sphere: the plane that a ball of 5 cm
-lies on does so in 5 or 6 of 16 sectors, seen 30° from above at 1.6 to 2.2 m; round a bulge in a
+"""Part of the ring in which any surface may go on round such a sphere: the plane on which a ball of
+5 cm lies does so in 5 or 6 of 16 sectors, seen 30° from above at 1.6 to 2.2 m; round a bulge in a
 plane it does so in all."""
 
 STATIC_LEVEL_OFF_PLANES = 0.25

@@ -15,8 +15,7 @@ from intuitive_physics.materials import PAIR_COEFFICIENTS, StaticParameters
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
 from intuitive_physics_learner.search.learning_task import LearningTask
 
 WORLDS = 2000  # of a toy

@@ -24,12 +24,13 @@ from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.state import LINEAR_VELOCITY, POSITION, ROTATION
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit, ObservationFit
-from intuitive_physics_learner.joint_estimation.observation_blocks import InitialStateDeviations
-from intuitive_physics_learner.joint_estimation.settings import (
+from intuitive_physics_learner.joint_estimation.joint_fit import (
     FIXED_HORIZONS,
     JointEstimationSettings,
+    JointFit,
+    ObservationFit,
 )
+from intuitive_physics_learner.joint_estimation.observation_blocks import InitialStateDeviations
 from intuitive_physics_learner.search.learning_task import LearningTask
 
 ADVANCES = 20  # times that the fit horizons advance with everything held at the truth

@@ -7,14 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     AGREEMENT_FREEDOM,
     Elimination,
     agreement_weights,
     joint_posterior,
 )
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.search.gaussian import Gaussian
 
 PRIOR = 1e-6

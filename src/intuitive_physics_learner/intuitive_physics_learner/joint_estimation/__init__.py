@@ -11,7 +11,7 @@ to the order of fits (`staged_fit`, `several_starts`, `joint_search`) and what t
 (`joint_identifiability`).
 """
 
+from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.joint_search import JointSearch
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 
 __all__ = ["JointEstimationSettings", "JointSearch"]

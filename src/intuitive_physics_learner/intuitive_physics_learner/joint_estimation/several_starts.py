@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
-from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, JointFit
-from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
-from intuitive_physics_learner.joint_estimation.settings import (
+from intuitive_physics_learner.joint_estimation.joint_fit import (
     FIXED_HORIZONS,
+    LARGEST_VOTE,
     JointEstimationSettings,
+    JointFit,
 )
+from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask
 

@@ -20,8 +20,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from intuitive_physics.observation import Observation
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
+from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
 from intuitive_physics_learner.joint_estimation.several_starts import SeveralStarts
 from intuitive_physics_learner.search.learning_task import FitTask
 

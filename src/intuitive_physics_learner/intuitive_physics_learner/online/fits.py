@@ -13,11 +13,11 @@ from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.joint_fit import (
     LARGEST_VOTE,
+    JointEstimationSettings,
     JointFit,
     ObservationFit,
 )
 from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.several_starts import log_evidences
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.online.online_state import Member

@@ -17,9 +17,12 @@ from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.assessment.reasons import Reason
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, JointFit
+from intuitive_physics_learner.joint_estimation.joint_fit import (
+    LARGEST_VOTE,
+    JointEstimationSettings,
+    JointFit,
+)
 from intuitive_physics_learner.joint_estimation.point_noise import detected
-from intuitive_physics_learner.joint_estimation.settings import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.several_starts import STARTS, drawn_starts
 from intuitive_physics_learner.joint_estimation.spin_evidence import SpinEvidence
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit

@@ -41,6 +41,7 @@ ROOM = Environment(
         StaticBox("high", "box", (2.9, 0.65, 0.25), (0.0, 0.0, 0.0, 1.0), (0.2, 0.5, 0.5)),
     ),
 )
+SHOWN = 5  # frames with the ball before the camera drives
 CAMERA = Camera.looking_at((0.0, 0.0, 1.2), (2.0, 0.0, 0.27))
 
 
@@ -75,7 +76,7 @@ def measure_drive(quick: bool) -> Outcome:
 def _drive(speed: float, rate: float) -> Drive:
     with ThreadPoolExecutor(1) as background:
         run = PerceptionRun(background=background)
-        still = PerceptionSettings().environment_frames + 2
+        still = PerceptionSettings().environment_frames + SHOWN
         found, models, names, shown = 0, 0, set(), 0
         for k, (camera, points) in enumerate(_frames(speed, rate, still)):
             pose = RigidTransform(camera.position, Rotation.from_matrix(camera.rotation).as_quat())
@@ -100,7 +101,9 @@ def _frames(speed: float, rate: float, still: int) -> Iterator[tuple[Camera, NDA
         way = max(k + 1 - still, 0) * speed / rate
         camera = replace(CAMERA, position=CAMERA.position + np.array([0.0, way, 0.0]))
         renderer = DepthRenderer(camera, ROOM)
-        noisy = NoisyDepthCamera(_with_ball(renderer), camera.focal_length, DepthNoise(), rng)
+        # It comes once the environment is modelled, as balls do.
+        seen = _with_ball(renderer) if k >= still - SHOWN else renderer.background
+        noisy = NoisyDepthCamera(seen, camera.focal_length, DepthNoise(), rng)
         depth = 0.001 * noisy.read().astype(np.float32)
         depth[depth == 0.0] = np.nan
         yield camera, camera.rays().astype(np.float32) * depth[:, :, None]

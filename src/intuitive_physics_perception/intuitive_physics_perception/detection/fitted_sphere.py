@@ -70,13 +70,9 @@ STATIC_GOES_ON = 0.13
 """`NEW_GOES_ON` of a sphere that was there when the environment was modelled: 2 of 16 sectors, as
 where it touches one other thing."""
 
-STATIC_LEVEL = 0.375
-"""Part of the ring in which any surface may go on round such a sphere: the plane on which a ball of
-5 cm lies does so in 5 or 6 of 16 sectors, seen 30° from above at 1.6 to 2.2 m; round a bulge in a
-plane it does so in all."""
-
-STATIC_LEVEL_OFF_PLANES = 0.25
-"""The same for surfaces that are no plane of the environment."""
+STATIC_LEVEL = 0.25
+"""Part of the ring in which any surface may go on round such a sphere: the plane that a ball lies
+on does so in a fifth of it, seen from near."""
 
 STATIC_ENDS = 0.3
 """Part of the ring in which something must be read clearly behind such a sphere."""
@@ -437,11 +433,13 @@ def stands_apart(outline: Outline) -> bool:
     A bulge of a plane ends nowhere, but a plane was there before what is new. Beside what stood
     there before something must be read behind it; before the sky nothing is.
     """
-    alone = (
-        outline.goes_on <= STATIC_GOES_ON and outline.level_off_planes <= STATIC_LEVEL_OFF_PLANES
-    )
     if _is_new(outline):
+        alone = outline.goes_on <= STATIC_GOES_ON and outline.level_off_planes <= STATIC_LEVEL
         return alone and outline.visible >= NEW_VISIBLE
     was_there = outline.known is not None and outline.known > 0.5
-    ends = outline.level <= STATIC_LEVEL and not (was_there and outline.ends < STATIC_ENDS)
-    return alone and ends and outline.visible >= STATIC_VISIBLE
+    return (
+        outline.goes_on <= STATIC_GOES_ON
+        and outline.level <= STATIC_LEVEL
+        and not (was_there and outline.ends < STATIC_ENDS)
+        and outline.visible >= STATIC_VISIBLE
+    )

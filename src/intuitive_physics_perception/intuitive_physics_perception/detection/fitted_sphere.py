@@ -129,12 +129,14 @@ class Start:
     sweep : (3,) m, way of its centre during the exposure; either end may be the first
     sweep_deviation : standard deviation of each component of the sweep, m; 0 where it is exact
     size_is_known : whether other frames have shown its radius, so that this one need not
+    is_object : whether other frames have shown that it is an object
     """
 
     sphere: NDArray[np.float64]
     sweep: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     sweep_deviation: float = 0.0
     size_is_known: bool = False
+    is_object: bool = False
 
     def seen_from(self, model: EnvironmentModel) -> Start:
         """Return it in the sensor's frame."""
@@ -233,11 +235,16 @@ class SphereFitter:
         if swept is None:
             return None
         followed = start.size_is_known
-        sphere = self._judged(swept, most_goes_on, followed=followed, alone=followed)
+        sphere = self._judged(
+            swept, most_goes_on, followed=followed, alone=followed, is_object=start.is_object
+        )
         if sphere is None or followed:
             return sphere
         # What may be no ball is judged by all readings, but measured without those beside it.
-        return self._judged(swept, most_goes_on, followed=False, alone=True) or sphere
+        return (
+            self._judged(swept, most_goes_on, followed=False, alone=True, is_object=start.is_object)
+            or sphere
+        )
 
     def _judged(
         self,
@@ -246,6 +253,7 @@ class SphereFitter:
         *,
         followed: bool,
         alone: bool,
+        is_object: bool,
     ) -> DetectedSphere | None:
         """The sphere that fits the readings, or those alone that are not of what it touches; None
         where it is no object."""
@@ -255,7 +263,7 @@ class SphereFitter:
         fit = fit.with_known_radius(self.known_radii, self._settings.known_object_tolerance)
         if not self._is_plausible(fit, size_is_known=followed):
             return None
-        return self._inspected(swept[0], fit, most_goes_on)
+        return self._inspected(swept[0], fit, most_goes_on, is_object=is_object)
 
     def part(self, points: NDArray[np.float64]) -> Part:
         """Return as many of some points as a sphere is fitted to.
@@ -356,7 +364,7 @@ class SphereFitter:
         )
 
     def _inspected(
-        self, view: ClusterView, fit: SphereFit, most_goes_on: float
+        self, view: ClusterView, fit: SphereFit, most_goes_on: float, *, is_object: bool
     ) -> DetectedSphere | None:
         settings, sphere = self._settings, fit.sphere
         around, each = view.around(sphere)
@@ -371,7 +379,7 @@ class SphereFitter:
         ):
             return None
         outline = self._outline(view, fit, inspection.visible)
-        if outline is None or not _may_be_object(outline, most_goes_on):
+        if outline is None or not _may_be_object(outline, most_goes_on, is_object=is_object):
             return None
         return DetectedSphere(
             sphere[:3],
@@ -411,16 +419,21 @@ class SphereFitter:
         return float(np.sum(errors**2 / spread) / max(len(errors) - 4, 1))
 
 
-def _may_be_object(outline: Outline, most_goes_on: float) -> bool:
+def _may_be_object(outline: Outline, most_goes_on: float, *, is_object: bool) -> bool:
     """Whether a sphere may be an object of its own and not a part of something larger.
 
-    What has come where nothing was is most likely an object, and may touch others. What was there
-    already, or where nobody has looked, is most likely not, so it must end all round its outline
-    and be seen as a whole.
+    What has come where nothing was is most likely an object, and may touch others; so may what is
+    one by other frames, and comes where nobody has looked. What was there already, or is first seen
+    where nobody has looked, is most likely not, so it must end all round its outline and be seen as
+    a whole.
     """
-    if outline.new is None or _is_new(outline):
+    if outline.new is None or _is_new(outline) or (is_object and not _was_there(outline)):
         return outline.goes_on <= most_goes_on
     return stands_apart(outline)
+
+
+def _was_there(outline: Outline) -> bool:
+    return outline.known is not None and outline.known > 0.5
 
 
 def _is_new(outline: Outline) -> bool:
@@ -436,10 +449,9 @@ def stands_apart(outline: Outline) -> bool:
     if _is_new(outline):
         alone = outline.goes_on <= STATIC_GOES_ON and outline.level_off_planes <= STATIC_LEVEL
         return alone and outline.visible >= NEW_VISIBLE
-    was_there = outline.known is not None and outline.known > 0.5
     return (
         outline.goes_on <= STATIC_GOES_ON
         and outline.level <= STATIC_LEVEL
-        and not (was_there and outline.ends < STATIC_ENDS)
+        and not (_was_there(outline) and outline.ends < STATIC_ENDS)
         and outline.visible >= STATIC_VISIBLE
     )

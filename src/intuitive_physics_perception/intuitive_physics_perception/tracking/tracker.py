@@ -208,7 +208,13 @@ class Tracker:
         radius = float(track.mean[RADIUS])
         # A swept surface shows the radius less well than the frames before did.
         known = exposure > 0.0
-        return Start(np.append(place, radius), exposure * velocity, deviation, size_is_known=known)
+        return Start(
+            np.append(place, radius),
+            exposure * velocity,
+            deviation,
+            size_is_known=known,
+            is_object=track.confirmed,
+        )
 
     def _carry_on(self, time: float) -> None:
         for track in self._tracks:

@@ -243,9 +243,8 @@ class ModelledScene:
         self._flights: FlightGravity | None = None
         if settings.gravity_from_flights and settings.gravity_source == "plane" and not measured:
             self._flights = FlightGravity(settings.gravity)
-        self._pending: Future[Stages | None] | None = None
+        self._pending: Future[tuple[Stages, View] | None] | None = None
         self._changed_since: float | None = None
-        self._settled = frames[-1]
         self._space = KnownSpace(model.noise, spacing_of(frames[-1], rng))
         self._space.take(self._space.view(frames, model.sensor_pose))
         self._looking: Future[View] | None = None
@@ -301,9 +300,9 @@ class ModelledScene:
         if self._looking is not None and self._looking.done():
             self._space.fill(self._looking.result())
             self._looking = None
-        if self._looking is not None or clusters.unknown <= LOOKED_AT * clusters.readings:
+        if self._looking is not None or self.stages.before is not None:
             return
-        if self.is_at_home and self.stages.before is not None:
+        if clusters.unknown <= LOOKED_AT * clusters.readings:
             return
         job = [self.without_followed(points)], self.model.sensor_pose
         if self._background is not None:
@@ -477,9 +476,9 @@ class ModelledScene:
             self._look(self._view, time)
         if self._pending is None or not self._pending.done():
             return ""
-        stages, self._pending = self._pending.result(), None
+        revised, self._pending = self._pending.result(), None
         self._next_look = time + GONE_TIME
-        return None if stages is None else self._take(stages)
+        return None if revised is None else self._take(*revised)
 
     def _look(self, view: SettledView, time: float) -> None:
         """Begin a revision when something has changed and its parts have had time to settle."""
@@ -494,25 +493,24 @@ class ModelledScene:
 
     def _begin_revision(self, view: SettledView, time: float) -> None:
         points, changed = view.settled(time)
-        self._settled = points
         view.take_reference(points)
         before = self.stages.before
         if before is not None:
             before = np.where(changed, np.linalg.norm(points, axis=2), before)
         # A generator of its own: the frames meanwhile draw from the other one.
         (rng,) = self._rng.spawn(1)
-        job = self.model, points, before, self._settings, rng
+        job = self.model, points, before, self._space, self._settings, rng
         if self._background is not None:
             self._pending = self._background.submit(_revised_stages, *job)
         else:
             self._pending = Future()
             self._pending.set_result(_revised_stages(*job))
 
-    def _take(self, stages: Stages) -> str:
+    def _take(self, stages: Stages, view: View) -> str:
         """Replace the environment by a revised one; return a sentence on how it differs."""
         old_ids = _ids(self.model.environment)
         self.stages = self._home = stages
-        self._space.take(self._space.view([self._settled], self.model.sensor_pose))
+        self._space.take(view)
         self.check = EnvironmentCheck(self.model, self._settings, revised=True)
         self.track_in_environment()
         new_ids = _ids(self.model.environment)
@@ -549,10 +547,12 @@ def _revised_stages(
     model: EnvironmentModel,
     points: NDArray[np.float32],
     before: NDArray[np.float32] | None,
+    space: KnownSpace,
     settings: PerceptionSettings,
     rng: np.random.Generator,
-) -> Stages | None:
-    """Stages for an environment of which something has come or gone; None where its support has.
+) -> tuple[Stages, View] | None:
+    """Stages for an environment of which something has come or gone, and the view of it; None where
+    its support has.
 
     `points` (height, width, 3) m, settled readings; `before` (height, width) m, as in `Stages`.
     """
@@ -563,7 +563,7 @@ def _revised_stages(
         revised = with_static_boxes(revised, [points], settings, rng, model.environment.boxes)
     stages = Stages(revised, settings, rng, before)
     stages.prepare(points)
-    return stages
+    return stages, space.view([points], revised.sensor_pose)
 
 
 def perceive_cloud(

@@ -118,8 +118,7 @@ class ForegroundFinder:
     def find(self, points: NDArray[np.float32]) -> Clusters:
         """Cluster the foreground of a frame of points (height, width, 3)."""
         if points.shape[0] > 1 and self._space is None:
-            marks, readings = self._marks_of_pixels(points)
-            is_known = self._changes is not None
+            marks, readings, is_known = self._marks_of_pixels(points)
         else:
             marks, readings = self._marks_of_readings(points)
             is_known = self._space is not None
@@ -134,13 +133,15 @@ class ForegroundFinder:
             indices, new, int(np.count_nonzero(marks)), readings, marks if is_known else None
         )
 
-    def _marks_of_pixels(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], int]:
-        """Marks (height, width) of pixels whose rays stay; all KNOWN where nothing is known."""
-        free = self._free_of(points)
-        if self._changes is None or self._changes.shape != free.shape:
-            self._changes = None
-            return _foreground(points, free, np.zeros_like(free), self._limits)
-        return _foreground(points, free, self._changes, self._limits)
+    def _marks_of_pixels(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], int, bool]:
+        """Marks (height, width) of pixels whose rays stay, the number of readings, and whether
+        anything is known of the pixels; where nothing is, all are KNOWN."""
+        free, changes = self._free_of(points), self._changes
+        is_known = changes is not None and changes.shape == free.shape
+        marks, readings = _foreground(
+            points, free, changes if is_known else np.zeros_like(free), self._limits
+        )
+        return marks, readings, is_known
 
     def _marks_of_readings(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], int]:
         """Marks (height, width) of readings with rays of their own; all KNOWN where nothing is

@@ -61,9 +61,9 @@ class KnownSpace:
     """The space that a sensor has looked at, from one place or from several, in a frame that stands
     still.
 
-    Each ray to a reading was free up to it. What is seen later is tested against the rays of the
-    newest view that tells: before the surface that was seen there it is new, at that surface it was
-    there before, and behind it nobody has looked.
+    Each ray to a reading was free up to it. A later reading is compared with the newest view that
+    has a range in its direction: nearer than the surface seen there it is new, at that surface it
+    was there before. Behind that surface an older view decides; without one the place is unknown.
 
     Parameters
     ----------

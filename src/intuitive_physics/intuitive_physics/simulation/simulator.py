@@ -27,6 +27,8 @@ class Simulator(ABC):
     name: ClassVar[str]
     takes_contact_noise: ClassVar[bool] = False
     """Whether it can make impacts noisy."""
+    threads: int = 1
+    """Threads over the worlds of a batch."""
     stop_flag: StopFlag = StopFlag()
     """Ends its simulations once it is set; that of the class never is."""
 

@@ -54,6 +54,7 @@ class Cost(ABC):
     trajectory_points : (n_trajectories,) number of its points that count
     point_trajectory : (n_points,) index of the trajectory each point of `residuals` is from; the
         points of a trajectory stand together, in the order of their times
+    threads : of those who evaluate it, among which they may share work of their own
 
     Raises
     ------
@@ -66,6 +67,7 @@ class Cost(ABC):
     ) -> None:
         if len(observations) == 0:
             raise NoObservationsError("there are no observations; expected at least one")
+        self.threads = 1
         self.observations = tuple(observations)
         self.materials = tuple(materials or observation_materials(observations))
         owners = [
@@ -177,6 +179,7 @@ class TrajectoryCost(Cost):
             )
         self._largest = distance == LARGEST_DISTANCE
         self._simulator = simulator
+        self.threads = simulator.threads
         self._groups = packed_in_groups(self.observations, self.materials)
         self._row = np.empty(len(self.observations), dtype=np.int64)
         self._group = np.empty(len(self.observations), dtype=np.int64)
@@ -262,6 +265,7 @@ class InterruptibleCost(Cost):
 
     def __init__(self, cost: Cost, cancelled: Callable[[], bool]) -> None:
         super().__init__(cost.observations, cost.materials)
+        self.threads = cost.threads
         self._cost = cost
         self._cancelled = cancelled
 

@@ -113,9 +113,14 @@ def scanned(
     away = each - estimate.unit[:, None]
     rises = model.prior.scores(estimate.unit)[:, None] * away
     rises += 0.5 * np.diag(model.prior.precision)[:, None] * away**2
-    fitted = []
-    for (block, part), slopes in zip(model.parts(estimate), linear, strict=True):
-        states, residuals = scanned_states(model.cost, block, part, slopes, candidates, index)
+    parts, fitted = list(model.parts(estimate)), []
+
+    def scanned_block(k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return scanned_states(model.cost, *parts[k], linear[k], candidates, index)
+
+    for (block, part), slopes, (states, residuals) in zip(
+        parts, linear, model.of_blocks(scanned_block), strict=True
+    ):
         model.count(block, part.horizons, 2 * len(states))
         parameters = block.parameters.shape[1]
         present = part.estimate[None], slopes.residuals[None]

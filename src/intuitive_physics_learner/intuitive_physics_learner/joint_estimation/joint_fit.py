@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,6 +99,10 @@ class JointEstimationSettings:
     def __post_init__(self) -> None:
         check_settings(self)
 
+
+Tried: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+"""Initial states (c, W, d) that were tried for a block, their residuals (c, W, P, 3) in m, and
+their losses (c, W)."""
 
 FIXED_HORIZONS = JointEstimationSettings(largest_advance=0.0, scan_steps=())
 """Those of a fit up to given horizons, that scans nothing."""
@@ -420,19 +424,23 @@ class JointFit:
         candidates = [model.space.to_parameters(unit) for unit in units]
         # Each θ_s with the initial states that go with it, and with the present ones.
         index = np.concatenate([np.arange(len(units)), np.arange(1, len(units))])
-        losses = self.prior.losses(units)
-        tried = []
-        for k, (block, part) in enumerate(model.parts(self.estimate)):
+        parts = list(model.parts(self.estimate))
+
+        def tried_block(k: int) -> Tried:
+            block, part = parts[k]
             trying = np.concatenate([states[k], np.tile(part.estimate, (len(units) - 1, 1, 1))])
             residuals = residuals_at(
                 model.cost, block, trying, candidates, index[:, None], part.horizons
             )
+            return trying, residuals, part.losses(block, trying, residuals)
+
+        losses = self.prior.losses(units)
+        tried = model.of_blocks(tried_block)
+        for (block, part), (_, _, part_losses) in zip(parts, tried, strict=True):
             model.count(block, part.horizons, len(index))
-            part_losses = part.losses(block, trying, residuals)
             weights = self.weights[block.members]
             for u in range(len(units)):
                 losses[u] += (weights * part_losses[index == u].min(axis=0)).sum()
-            tried.append((trying, residuals, part_losses))
         best = int(np.argmin(losses))
         moved = np.abs(units[best] - self.unit) / self.estimate.deviations
         self.estimate.unit = units[best]
@@ -445,7 +453,7 @@ class JointFit:
     def _take_states(
         self,
         options: NDArray[np.int64],
-        tried: list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]],
+        tried: Sequence[Tried],
         goals: list[NDArray[np.float64]],
     ) -> bool:
         """Take the best initial states among options.

@@ -58,15 +58,12 @@ class Linearisation:
     slopes : (W, k, P, 3) m per unit of each unknown; 0 where a point is not simulated in all trials
     valid : (W, P) bool, which points are simulated in all trials
     bends : (W, P) m, linearisation error of the residuals one standard deviation away
-    one_sided : (W, k, P, 3) slopes upwards and downwards, in units as `slopes`; 0 where the
-        parameter is at its bound on that side
     """
 
     residuals: NDArray[np.float64]
     slopes: NDArray[np.float64]
     valid: NDArray[np.bool_]
     bends: NDArray[np.float64]
-    one_sided: tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 class ParameterSteps:
@@ -167,38 +164,39 @@ def linearise(
         block.columns,
     )
     rows = cost.trial_residuals(trials).reshape(count, 1 + 2 * k, points, 3)
-    base = rows[:, :1]
+    base = rows[:, 0].copy()
     valid = np.asarray(np.isfinite(rows).all(axis=(1, 3)))
-    up = np.where(valid[:, None, :, None], rows[:, 1 : 1 + k] - base, 0.0)
-    down = np.where(valid[:, None, :, None], base - rows[:, 1 + k :], 0.0)
+    rows[~np.broadcast_to(valid[:, None], rows.shape[:3])] = 0.0
+    up, down = rows[:, 1 : 1 + k] - rows[:, :1], rows[:, :1] - rows[:, 1 + k :]
     up_steps = np.hstack([state_steps, steps.up[parameters]])
     down_steps = np.hstack([state_steps, steps.down[parameters]])
-    slopes = (up + down) / (up_steps + down_steps)[:, :, None, None]
-    one_sided = (_quotients(up, up_steps), _quotients(down, down_steps))
     spread = np.hstack([state_deviations, steps.deviations[parameters]])
-    both = (up_steps > 0.0) & (down_steps > 0.0)
-    scale = np.where(both, 0.5 * np.minimum(spread, 1.0), 0.0)[:, :, None, None]
-    bends = np.sqrt((((one_sided[0] - one_sided[1]) * scale) ** 2).sum(axis=(1, 3)))
+    bends = _bends(up, down, up_steps, down_steps, spread)
+    up += down
+    up /= (up_steps + down_steps)[:, :, None, None]
     # Shared errors displace points alike wherever these are.
     straight = np.where(valid[:, None, :, None], block.shared, 0.0)
-    return Linearisation(
-        block.displaced(base[:, 0], estimate),
-        _inserted(slopes, d, straight),
-        valid,
-        bends,
-        (_inserted(one_sided[0], d, straight), _inserted(one_sided[1], d, straight)),
-    )
+    slopes = np.concatenate([up[:, :d], straight, up[:, d:]], axis=1) if straight.size else up
+    return Linearisation(block.displaced(base, estimate), slopes, valid, bends)
 
 
-def _inserted(
-    slopes: NDArray[np.float64], place: int, others: NDArray[np.float64]
+def _bends(
+    up: NDArray[np.float64],
+    down: NDArray[np.float64],
+    up_steps: NDArray[np.float64],
+    down_steps: NDArray[np.float64],
+    spread: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    return np.concatenate([slopes[:, :place], others, slopes[:, place:]], axis=1)
+    """Linearisation error (W, P) one standard deviation away, by slopes to both sides.
 
-
-def _quotients(changes: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    widths = np.broadcast_to(steps[:, :, None, None], changes.shape)
-    return np.divide(changes, widths, out=np.zeros_like(changes), where=widths > 0.0)
+    An unknown that is at its bound on one side adds none.
+    """
+    both = (up_steps > 0.0) & (down_steps > 0.0)
+    scale = np.where(both, 0.5 * np.minimum(spread, 1.0), 0.0)
+    widths = [np.where(both, steps, 1.0) for steps in (up_steps, down_steps)]
+    errors = up * (scale / widths[0])[:, :, None, None]
+    errors -= down * (scale / widths[1])[:, :, None, None]
+    return np.sqrt(np.einsum("wkpi,wkpi->wp", errors, errors))
 
 
 def residuals_at(

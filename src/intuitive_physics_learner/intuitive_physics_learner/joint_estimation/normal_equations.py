@@ -36,6 +36,10 @@ AGREEMENT_FREEDOM = 4.0
 """Degrees of freedom of Student's distribution by which observations that contradict all others
 count less; the value that is usual for robust regression (Lange, Little and Taylor 1989)."""
 
+SINGLE_THREAD_PRODUCTS = 200_000
+"""Products of a matrix product for which OpenBLAS takes a single thread: it takes more from
+262,144 on."""
+
 NEGLIGIBLE = 1e-7
 """Part of the largest eigenvalue of a covariance below which one counts as rounding."""
 
@@ -95,14 +99,14 @@ class NormalEquations:
         lengths = np.linalg.norm(residuals, axis=2)
         rooted = np.sqrt(huber_weights(lengths)) * counted
         count, k = linear.slopes.shape[:2]
-        slopes = np.einsum("wpij,wkpj->wkpi", block.whitening, linear.slopes)
-        weighted = slopes * rooted[:, None, :, None]
-        weighted = weighted.reshape(count, k, 3 * lengths.shape[1])
-        # Not by BLAS: on matrices so small its threads wait for one another, the longer the busier
-        # the machine is.
-        hessian = np.einsum("wip,wjp->wij", weighted, weighted)
+        weighting = (block.whitening * rooted[..., None, None])[:, None]
+        weighted = (weighting @ linear.slopes[..., None]).reshape(count, k, 3 * lengths.shape[1])
+        # In parts so small that BLAS takes one thread: on matrices of this size its threads wait
+        # for one another, the longer the busier the machine is.
+        parts = np.array_split(weighted, 1 + k * weighted[0].size // SINGLE_THREAD_PRODUCTS, axis=2)
+        hessian = sum((part @ part.swapaxes(1, 2) for part in parts), np.zeros((count, k, k)))
         target = (residuals * rooted[..., None]).reshape(count, -1)
-        gradient = np.einsum("wip,wp->wi", weighted, target)
+        gradient = (weighted @ target[..., None])[..., 0]
         d = estimate.shape[1]
         precision = block.prior_deviations**-2
         diagonal = np.arange(d)

@@ -16,6 +16,9 @@ from intuitive_physics_learner.cost.packed_observations import times_after_start
 from intuitive_physics_learner.cost.trials import resting
 from intuitive_physics_learner.joint_estimation.point_noise import TrackNoise, track_noises
 
+LARGEST_BLOCK = 16
+"""Observations of a block at most: threads share blocks among them."""
+
 PRIOR_WIDENING = 10.0
 """Factor on the standard deviations of the observed initial position and velocity: most of what is
 known of them comes from points of the very trajectory they are to explain, which must not count
@@ -208,7 +211,11 @@ def observation_blocks(
         axes, size = len(initial_states[i].axes), observation.times.size.bit_length()
         key = (axes, int(influence[i].sum()), size, len(observation.shared))
         groups.setdefault(key, []).append(i)
-    return [_block(groups[key], initial_states, influence, points) for key in sorted(groups)]
+    return [
+        _block(groups[key][first : first + LARGEST_BLOCK], initial_states, influence, points)
+        for key in sorted(groups)
+        for first in range(0, len(groups[key]), LARGEST_BLOCK)
+    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
+from intuitive_physics.simulation.shares import run_in_shares
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     TrajectoryFits,
     farthest_horizons,
@@ -35,6 +37,8 @@ from intuitive_physics_learner.joint_estimation.spin_evidence import (
 )
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask
+
+Result = TypeVar("Result")
 
 
 @dataclass(eq=False)
@@ -107,6 +111,17 @@ class TrajectoryModel:
         for block, fit in zip(self.blocks, estimate.fits, strict=True):
             yield block.shortened(fit.horizons + self.largest_advance), fit
 
+    def of_blocks(self, work: Callable[[int], Result]) -> list[Result]:
+        """Return what `work` returns for the index of each block, in the threads of the cost."""
+        results: dict[int, Result] = {}
+
+        def work_through(first: int, last: int) -> None:
+            for index in range(first, last):
+                results[index] = work(index)
+
+        run_in_shares(work_through, len(self.blocks), self.cost.threads, 1)
+        return [results[index] for index in range(len(self.blocks))]
+
     def count(self, block: ObservationBlock, until: NDArray[np.float64], each: int) -> None:
         """Count simulations of each observation of a block, up to `until` (W,) s."""
         self.simulations += each * _whole_simulations(block, until)
@@ -152,25 +167,30 @@ class TrajectoryModel:
         """Take slopes over `widening` times the usual steps."""
         deviations = widening * estimate.deviations
         steps = ParameterSteps(estimate.unit, deviations, self.groups, self.space.to_parameters)
-        linear = []
-        for block, part in self.parts(estimate):
-            until = farthest_horizons(block, part.horizons, self.largest_advance)
+        parts = list(self.parts(estimate))
+        horizons = [farthest_horizons(b, part.horizons, self.largest_advance) for b, part in parts]
+        for (block, _), until in zip(parts, horizons, strict=True):
             unknowns = block.initial_states.components.shape[1] + block.parameters.shape[1]
             self.count(block, until, 1 + 2 * unknowns)
+
+        def linearised_block(index: int) -> Linearisation:
+            (block, part), until = parts[index], horizons[index]
             state_deviations = widening * part.deviations
-            linear.append(
-                linearise(self.cost, block, part.estimate, state_deviations, steps, until)
-            )
-        return linear
+            return linearise(self.cost, block, part.estimate, state_deviations, steps, until)
+
+        return self.of_blocks(linearised_block)
 
     def equations(
         self, estimate: Estimate, linear: Sequence[Linearisation]
     ) -> list[NormalEquations]:
         """Set up the equations of each block with the points up to the fit horizons."""
-        return [
-            NormalEquations.of(block, part.estimate, each, part.horizons)
-            for (block, part), each in zip(self.parts(estimate), linear, strict=True)
-        ]
+        parts = list(self.parts(estimate))
+
+        def equations_of_block(index: int) -> NormalEquations:
+            block, part = parts[index]
+            return NormalEquations.of(block, part.estimate, linear[index], part.horizons)
+
+        return self.of_blocks(equations_of_block)
 
     def posterior(
         self, estimate: Estimate, equations: Sequence[NormalEquations], weights: NDArray[np.float64]

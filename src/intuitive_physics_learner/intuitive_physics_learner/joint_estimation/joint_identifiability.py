@@ -3,22 +3,21 @@
 Slopes at an estimate say how well the data hold it there, not whether it settled beside a better
 one, as fits to chaotic motion may. What fits from other starts that explain the observations as
 well differ by is added (`several_starts`). But all fits to the same observations have errors in
-common, so two halves of the observations are fitted as well, from where the best fit began. They
-share no observation, so errors of theirs have nothing in common: they lie about the estimate by as
-much as it is wrong. Were all slopes right and the halves equally informative, the estimate u would
-be the mean of the halves' estimates a and b, and a - u have the variance σ_a² - σ_u² = σ_a² / 2,
-that of u. By how much
+common, so half of the observations is fitted as well, from where the best fit began. Were all
+slopes right and the other half as informative, the estimate u would be the mean of the estimates a
+and b of both halves, which share no observation, and a - u = (a - b) / 2 have the variance
+σ_a² / 2, that of u. By how much
 
-    r² = mean over the informative halves of (a - u)² / (σ_a² / 2)
+    r² = (a - u)² / (σ_a² / 2)
 
-is more than one, uncertainties are widened. Nor can all data be more informative than both halves
-together: where the curvature at u alone is high, u is a peculiar place.
+is more than one, uncertainties are widened. Nor can all data be more informative than two such
+halves: where the curvature at u alone is high, u is a peculiar place.
 
 Nor does a slope say what lies beyond a kink: a parameter that only has to be large enough, or small
 enough, is known to one side only. So the profile of the loss along each parameter is followed as
 far as it hardly rises. Where that is farther than slopes say, the deviation is that of its ends;
-where it is so to one side only, there is an interval. Within it the halves cannot disagree, nor
-need they be bound by slopes.
+where it is so to one side only, there is an interval. Within it the half cannot disagree, nor need
+it be bound by slopes.
 """
 
 from __future__ import annotations
@@ -59,14 +58,14 @@ gain more than that of two by making a ball slip that does not; below the 6 of a
 standard deviations."""
 
 FEWEST_OBSERVATIONS = 4
-"""Observations from which on fits to two halves are compared: two in each half."""
+"""Observations from which on the fit to half of them is compared: two in each half."""
 
 FAMILY_WEIGHT = 3.0
-"""Number of parameters as which the typical disagreement of the halves counts against that of a
+"""Number of parameters as which the typical disagreement of the half counts against that of a
 parameter's own family; set by hand."""
 
 LARGEST_CHANCE_RATIO = 2.0
-"""Ratio of the halves' distance from the estimate to its expectation beyond which that distance is
+"""Ratio of the half's distance from the estimate to its expectation beyond which that distance is
 itself the uncertainty; set by hand."""
 
 
@@ -87,7 +86,7 @@ def joint_identifiability(
     parameters = searched.to_parameters(fit.unit)
     began = seconds_left()
     posterior = curvature_posterior(fit)
-    # Those of both halves take about as long as this one.
+    # That of the half takes no longer than this one.
     reserved = began - seconds_left() if np.isfinite(began) else 0.0
     free, ends = one_sided_moves(fit, posterior.deviations)
     agreed = _agreed(staged, ends, free, task, lambda: seconds_left() < reserved)
@@ -109,7 +108,7 @@ def joint_identifiability(
     intervals = _intervals(searched, fit.unit, moves, one_sided, active)
     intervals[~identified] = np.nan
     # Without the bounds, which the posterior of θ_s has by itself. What a user gave is as certain
-    # as he says, whether the halves agree or not.
+    # as he says, whether the half agrees or not.
     likelihood = posterior.precision - fit.prior.precision
     given = fit.prior.precision - UNIFORM_PRECISION * np.eye(factors.size)
     information = np.zeros((identified.size, identified.size))
@@ -204,63 +203,53 @@ def one_sided_moves(
     return np.where(one_sided[:, None], moves, 0.0), ends
 
 
-def halves(influence: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
-    """Part observations so that each half has about as many that depend on each parameter.
+def balanced_half(influence: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Choose half of the observations, with about half of those that depend on each parameter.
 
     `influence` (n_observations, n) bool, which observation can depend on which parameter. Returns
-    two arrays (n_members,) of indices of observations.
+    (n_members,) indices of observations.
     """
     weights = 1.0 / np.maximum(influence.sum(axis=0), 1)
     surplus = np.zeros(influence.shape[1])
-    parts: list[list[int]] = [[], []]
+    chosen: list[int] = []
     for observation, row in enumerate(influence):
-        side = 0 if (surplus * weights)[row].sum() <= 0.0 else 1
-        surplus[row] += 1.0 if side == 0 else -1.0
-        parts[side].append(observation)
-    return [np.array(part, dtype=np.int64) for part in parts]
+        taken = (surplus * weights)[row].sum() <= 0.0
+        surplus[row] += 1.0 if taken else -1.0
+        if taken:
+            chosen.append(observation)
+    return np.array(chosen, dtype=np.int64)
 
 
 def agreed_deviations(
     unit: NDArray[np.float64],
     deviations: NDArray[np.float64],
-    halves: tuple[Gaussian, Gaussian],
+    half: Gaussian,
     families: Sequence[NDArray[np.int64]],
     free: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
-    """Standard deviations (n,), in widths, with which both halves agree.
+    """Standard deviations (n,), in widths, with which half of the observations agrees.
 
     `unit` (n,) the estimate from all observations, on the unit cube; `deviations` (n,) widths,
-    standard deviation of each parameter by slopes; `halves` what each half says by slopes;
+    standard deviation of each parameter by slopes; `half` what half of them says by slopes;
     `families` (n_members,) each, indices of parameters that are likely to err alike, each parameter
     in one; `free` (n, 2) widths, how far parameters that are bound to one side only can be moved
     down and up, 0 for others; None: all are bound to both.
     """
     free = np.zeros((unit.size, 2)) if free is None else free
-    low, high = unit - free[:, 0], unit + free[:, 1]
-    apart = np.array([(half.mean - np.clip(half.mean, low, high)) ** 2 for half in halves])
-    variances = np.array([half.deviations for half in halves]) ** 2
-    informative = variances < LARGEST_DEVIATION**2
-    ratios = np.sqrt(_mean(apart / (0.5 * variances), informative))
+    apart = np.abs(half.mean - np.clip(half.mean, unit - free[:, 0], unit + free[:, 1]))
+    expected = half.deviations / np.sqrt(2.0)
+    ratios = np.where(half.deviations < LARGEST_DEVIATION, apart / expected, np.nan)
     # Slopes of a half that lies where the loss is flat say nothing of the end.
-    pooled = np.where(free.any(axis=1), 0.0, (1.0 / variances).sum(axis=0) ** -0.5)
-    factors = _family_factors(ratios, families)
-    agreed = np.maximum(deviations * factors, pooled)
-    scatter = np.sqrt(_mean(apart, informative))
+    least = np.where(free.any(axis=1), 0.0, expected)
+    agreed = np.maximum(deviations * _family_factors(ratios, families), least)
     beyond_chance = ratios > LARGEST_CHANCE_RATIO
-    return np.where(beyond_chance, np.maximum(agreed, scatter), agreed)
-
-
-def _mean(values: NDArray[np.float64], counted: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Mean (n,) over the halves of values (2, n) that count; NaN where none does."""
-    total = np.where(counted, values, 0.0).sum(axis=0)
-    count = counted.sum(axis=0)
-    return np.divide(total, count, out=np.full(total.size, np.nan), where=count > 0)
+    return np.where(beyond_chance, np.maximum(agreed, apart), agreed)
 
 
 def _family_factors(
     ratios: NDArray[np.float64], families: Sequence[NDArray[np.int64]]
 ) -> NDArray[np.float64]:
-    """Factors (n,) of at least one from ratios (n,), NaN where no half is informative."""
+    """Factors (n,) of at least one from ratios (n,), NaN where the half is not informative."""
     finite = np.isfinite(ratios)
     factors = np.ones(ratios.size)
     if not finite.any():
@@ -280,22 +269,18 @@ def _agreed(
     task: LearningTask,
     out_of_time: Callable[[], bool],
 ) -> NDArray[np.float64]:
-    """Fit halves of the observations, and return the deviations (n,) with which they agree."""
-    fit = staged.joint
+    """Fit half of the observations, and return the deviations (n,) with which it agrees."""
     if len(task.influence) < FEWEST_OBSERVATIONS:
         return deviations
-    whole = task.fit_task
-    parts = halves(whole.influence)
-    fits = [StagedFit(whole.of(members), staged.jointly.starts[:1]) for members in parts]
-    # Side by side, so that neither is ahead where time runs out.
-    for _ in range(staged.steps):
-        for part in fits:
-            if not part.settled and not (part.steps and out_of_time()):
-                part.step()
-    joints = [part.joint for part in fits]
-    first, second = (curvature_posterior(joint) for joint in joints)
+    members = balanced_half(task.fit_task.influence)
+    half = StagedFit(task.fit_task.of(members), staged.jointly.starts[:1])
+    while half.steps < staged.steps and not half.settled:
+        if half.steps and out_of_time():
+            break
+        half.step()
+    said = curvature_posterior(half.joint)
     families = _families(task.searched.names)
-    return agreed_deviations(fit.unit, deviations, (first, second), families, free)
+    return agreed_deviations(staged.joint.unit, deviations, said, families, free)
 
 
 def _families(names: list[str]) -> list[NDArray[np.int64]]:

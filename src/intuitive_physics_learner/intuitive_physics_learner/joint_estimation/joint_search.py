@@ -143,9 +143,9 @@ class JointSearch(Search):
     def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
         if self.lowers_cost or self.iterations == 0:
             return super().identifiability_seconds(task, seconds)
-        # The fits to both halves simulate as much as the fit to all, from one start. What the
-        # observations are compared with afterwards counts too.
-        judged = self._staged.best_simulations + 2 * curvature_simulations(self.fit)
+        # The fit to half of the observations simulates half as much as that to all, from one start.
+        # What the observations are compared with afterwards counts too.
+        judged = 0.5 * self._staged.best_simulations + 1.5 * curvature_simulations(self.fit)
         judged += move_simulations(self.fit) + self._staged.jointly.choice_simulations
         judged += ASSESSMENT_SIMULATIONS * len(self._cost.observations)
         if task.start_was_learned:

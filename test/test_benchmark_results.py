@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from benchmarks.command import Outcome, measure_parts, run_benchmark
 from benchmarks.results import __main__ as make_pages
+from benchmarks.results.beside_stored import beside_stored
 from benchmarks.results.markdown import page
 from benchmarks.results.provenance import started_run
 from benchmarks.results.result import (
@@ -312,3 +313,11 @@ def test_help_of_every_command(name):
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith(f"usage: python -m benchmarks.{name} ")
+
+
+def test_figures_stand_beside_stored_ones_of_the_same_name(tmp_path):
+    write_result(tmp_path / "made_up.json", MADE_UP)
+    figures = {"time_ms": {"first": 2.0, "second": None}, "worlds": "3 of 5"}
+    table = beside_stored(figures, tmp_path / "made_up.json", ("before", "now"))
+    assert [column.heading for column in table.columns] == ["figure", "before", "now"]
+    assert table.rows == [["time_ms, first", 1.0, 2.0], ["worlds", None, "3 of 5"]]

@@ -286,3 +286,7 @@ def test_last_line_has_all_keys_and_the_cost_of_each_part(monkeypatch):
     assert outcome.key_figures["mass_ratio_90"] == [3.9, 4.1]
     assert outcome.key_figures["stream"] is None
     assert [row[0] for row in outcome.tables[-1].rows] == ["mass_ratio"]
+    # Those of other seeds stand beside the stored ones, and do not take their place.
+    assert outcome.tables[0].columns[-1].heading == "seeds from 7"
+    assert outcome.tables[0].rows[0][-1] == "[3.9, 4.1]"
+    assert outcome.part == "seed_7"

@@ -27,7 +27,8 @@ from benchmarks.learning import (
     suggested,
 )
 from benchmarks.learning.methods import comparison
-from benchmarks.results.result import Cell, Column, Table
+from benchmarks.results.beside_stored import beside_stored
+from benchmarks.results.result import FOLDER, Cell, Column, Table
 
 PARTS = {
     "sets": sets.measure,
@@ -69,7 +70,15 @@ FIRST_SEED = 100  # of the random sets by default; tuning used lower ones
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables, draw the figure, and print the line of JSON last."""
     parts = [*PARTS, *ON_REQUEST]
-    return run_benchmark("learning", __doc__, run, arguments, parts=parts, first_seed=FIRST_SEED)
+    return run_benchmark(
+        "learning",
+        __doc__,
+        run,
+        arguments,
+        parts=parts,
+        parts_are_kept=True,
+        first_seed=FIRST_SEED,
+    )
 
 
 def run(options: argparse.Namespace) -> Outcome:
@@ -93,11 +102,17 @@ def run(options: argparse.Namespace) -> Outcome:
         ],
         rows=costs,
     )
+    seed, tables, part = options.first_seed, [*outcome.tables, table], options.only or ()
+    if seed != FIRST_SEED:
+        headings = f"seeds from {FIRST_SEED}", f"seeds from {seed}"
+        tables = [beside_stored(outcome.key_figures, FOLDER / "learning.json", headings), *tables]
+        part = [f"seed_{seed}"]
     return replace(
         outcome,
-        tables=[*outcome.tables, table],
+        tables=tables,
         key_figures={**dict.fromkeys(LINE), **outcome.key_figures},
-        note=f"Seeds of random sets from {options.first_seed} on.",
+        note=f"Seeds of random sets from {seed} on.",
+        part="_".join(part),
     )
 
 

@@ -111,7 +111,7 @@ def test_eliminating_initial_states_is_the_inverse_of_the_whole_matrix(gliding_t
     slopes = generator.normal(size=(1, 3 + 4, points, 3))
     residuals = generator.normal(size=(1, points, 3))
     valid = np.ones((1, points), dtype=bool)
-    linear = Linearisation(residuals, slopes, valid, np.zeros((1, points)))
+    linear = Linearisation(residuals, slopes, valid, np.zeros((1, points)), 0.0 * slopes)
     estimate = np.zeros((1, 3))
     equations = NormalEquations.of(block, estimate, linear, block.durations)
     eliminated = equations.eliminated()

@@ -44,7 +44,7 @@ def bent(block, bends):
     nothing = np.zeros((*block.times.shape, 3))
     slopes = np.zeros((len(nothing), 1, *nothing.shape[1:]))
     valid = np.isfinite(block.times)
-    return Linearisation(nothing, slopes, valid, bends)
+    return Linearisation(nothing, slopes, valid, bends, np.zeros_like(slopes))
 
 
 def test_a_fit_begins_with_the_first_points_or_the_first_time(block, monkeypatch):

@@ -19,6 +19,7 @@ class PartialCost(Cost):
 
     def __init__(self, cost: Cost, members: NDArray[np.int64]) -> None:
         super().__init__([cost.observations[i] for i in members], cost.materials)
+        self.threads = cost.threads
         self._cost = cost
         self._members = members
 

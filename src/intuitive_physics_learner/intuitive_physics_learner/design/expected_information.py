@@ -234,9 +234,9 @@ def _curvatures(
     steps = np.full(linear.slopes.shape[:2], STATE_STEP)
     sides = np.minimum(at.up, at.down)[block.parameters]
     steps[:, block.prior_deviations.shape[1] :] = sides
-    up, down = linear.one_sided
-    widths = np.broadcast_to(steps[:, :, None, None], up.shape)
-    return np.divide(up - down, widths, out=np.zeros_like(up), where=widths > 0.0)
+    kinks = linear.kinks
+    widths = np.broadcast_to(steps[:, :, None, None], kinks.shape)
+    return np.divide(kinks, widths, out=np.zeros_like(kinks), where=widths > 0.0)
 
 
 def _in_view(

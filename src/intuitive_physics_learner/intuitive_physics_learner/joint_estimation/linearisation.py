@@ -58,12 +58,15 @@ class Linearisation:
     slopes : (W, k, P, 3) m per unit of each unknown; 0 where a point is not simulated in all trials
     valid : (W, P) bool, which points are simulated in all trials
     bends : (W, P) m, linearisation error of the residuals one standard deviation away
+    kinks : (W, k, P, 3) slopes upwards less those downwards, in units as `slopes`; 0 for what is
+        at its bound on one side
     """
 
     residuals: NDArray[np.float64]
     slopes: NDArray[np.float64]
     valid: NDArray[np.bool_]
     bends: NDArray[np.float64]
+    kinks: NDArray[np.float64]
 
 
 class ParameterSteps:
@@ -170,33 +173,46 @@ def linearise(
     up, down = rows[:, 1 : 1 + k] - rows[:, :1], rows[:, :1] - rows[:, 1 + k :]
     up_steps = np.hstack([state_steps, steps.up[parameters]])
     down_steps = np.hstack([state_steps, steps.down[parameters]])
-    spread = np.hstack([state_deviations, steps.deviations[parameters]])
-    bends = _bends(up, down, up_steps, down_steps, spread)
+    kinks = _kinks(up, down, up_steps, down_steps)
+    spread = np.minimum(np.hstack([state_deviations, steps.deviations[parameters]]), 1.0)
+    errors = kinks * (0.5 * spread)[:, :, None, None]
+    bends = np.sqrt(np.einsum("wkpi,wkpi->wp", errors, errors))
     up += down
     up /= (up_steps + down_steps)[:, :, None, None]
     # Shared errors displace points alike wherever these are.
     straight = np.where(valid[:, None, :, None], block.shared, 0.0)
-    slopes = np.concatenate([up[:, :d], straight, up[:, d:]], axis=1) if straight.size else up
-    return Linearisation(block.displaced(base, estimate), slopes, valid, bends)
+    return Linearisation(
+        block.displaced(base, estimate),
+        _inserted(up, d, straight),
+        valid,
+        bends,
+        _inserted(kinks, d, np.zeros_like(straight)),
+    )
 
 
-def _bends(
+def _kinks(
     up: NDArray[np.float64],
     down: NDArray[np.float64],
     up_steps: NDArray[np.float64],
     down_steps: NDArray[np.float64],
-    spread: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Linearisation error (W, P) one standard deviation away, by slopes to both sides.
-
-    An unknown that is at its bound on one side adds none.
-    """
+    """Slopes upwards less those downwards (W, k, P, 3), of changes over steps (W, k)."""
     both = (up_steps > 0.0) & (down_steps > 0.0)
-    scale = np.where(both, 0.5 * np.minimum(spread, 1.0), 0.0)
-    widths = [np.where(both, steps, 1.0) for steps in (up_steps, down_steps)]
-    errors = up * (scale / widths[0])[:, :, None, None]
-    errors -= down * (scale / widths[1])[:, :, None, None]
-    return np.sqrt(np.einsum("wkpi,wkpi->wp", errors, errors))
+    per_step = [
+        np.divide(1.0, steps, out=np.zeros_like(steps), where=both)[:, :, None, None]
+        for steps in (up_steps, down_steps)
+    ]
+    kinks = up * per_step[0]
+    kinks -= down * per_step[1]
+    return kinks
+
+
+def _inserted(
+    slopes: NDArray[np.float64], place: int, others: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    if others.shape[1] == 0:
+        return slopes
+    return np.concatenate([slopes[:, :place], others, slopes[:, place:]], axis=1)
 
 
 def residuals_at(

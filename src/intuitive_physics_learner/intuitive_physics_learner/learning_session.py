@@ -208,10 +208,8 @@ def _assessed(
         return AssessedObservations(tuple(observations), ()), options
     began = time.monotonic()
     assessed = assess_observations(observations, options.trusted_ids)
-    limit = options.criteria.time_limit
-    if limit is not None:
-        limit = max(0.0, limit - (time.monotonic() - began))
-    return assessed, replace(options, criteria=replace(options.criteria, time_limit=limit))
+    criteria = options.criteria.after(time.monotonic() - began)
+    return assessed, replace(options, criteria=criteria)
 
 
 def search_parameters(

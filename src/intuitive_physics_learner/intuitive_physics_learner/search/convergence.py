@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -66,6 +66,12 @@ class ConvergenceCriteria:
                 "nothing bounds the search; expected max_iterations, "
                 "max_iterations_without_gain or time_limit"
             )
+
+    def after(self, seconds: float) -> ConvergenceCriteria:
+        """Return the same with what is left of the time limit after some s."""
+        if self.time_limit is None:
+            return self
+        return replace(self, time_limit=max(0.0, self.time_limit - seconds))
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -154,6 +154,12 @@ def _ends(objects: list[dict[str, Any]]) -> Iterator[float]:
         for times in (track["times"], (track.get("detections") or {}).get("times")):
             if times:
                 yield from (float(times[0]), float(times[-1]))
+
+
+def readable_observations(texts: Iterable[str]) -> list[Observation]:
+    """Return the observations of JSON texts that can be read."""
+    parsed = map(parsed_observation, texts)
+    return [observation for observation in parsed if isinstance(observation, Observation)]
 
 
 def parsed_observation(text: str) -> Observation | InvalidInputError:

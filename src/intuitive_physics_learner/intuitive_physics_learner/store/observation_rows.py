@@ -12,11 +12,9 @@ from intuitive_physics.limits import limits
 from intuitive_physics.observation import Observation
 from intuitive_physics_learner.store.observation_entries import (
     COLUMNS,
-    STATUSES,
     UNREADABLE,
     UNREADABLE_COLUMNS,
     USED,
-    ObservationEntry,
     parsed_observation,
     text_columns,
 )
@@ -30,6 +28,15 @@ TOO_MANY_MATERIALS = (
 CANDIDATES = 64
 """Stored observations that a new one is compared with at most, the nearest in time first; a camera
 sees far fewer motions at once."""
+
+NEAR = (
+    "SELECT json FROM observations JOIN (SELECT id, start_time FROM observation_entries "
+    "WHERE has_detections IN (NOT ?1, 1) AND first_time <= ?3 AND first_time >= ?2 - "
+    "(SELECT MAX(last_time - first_time) FROM observation_entries) AND last_time >= ?2 "
+    f"ORDER BY ABS(start_time - ?4) LIMIT {CANDIDATES}) USING (id)"
+)
+"""Query for the texts of observations comparable to one (`ObservationSpan.comparable`), the nearest
+first: whether it has detections, its first and last time, and its start in s."""
 
 
 def insert_observation(connection: sqlite3.Connection, row: tuple[str, float, str]) -> bool:
@@ -82,15 +89,6 @@ def excess_observations(connection: sqlite3.Connection) -> list[tuple[str, str]]
         else:
             taken |= names
     return texts
-
-
-def set_unreadable(connection: sqlite3.Connection, problems: Sequence[tuple[str, str]]) -> None:
-    """Give observations, each with the reason, the status of what cannot be read."""
-    connection.executemany(
-        "UPDATE observation_entries SET status = ?, weight = 0.0, reason = ?, materials = '[]' "
-        "WHERE id = ?",
-        [(UNREADABLE, reason, name) for name, reason in problems],
-    )
 
 
 def check_ids(connection: sqlite3.Connection, ids: Sequence[str]) -> None:
@@ -154,34 +152,6 @@ def set_status(
     return bool(changed)
 
 
-def list_entries(
-    connection: sqlite3.Connection,
-    ids: Sequence[str],
-    statuses: Sequence[str],
-    after: int,
-    *,
-    limit: int,
-    newest: bool,
-) -> list[ObservationEntry]:
-    """List observations, see `ObservationStore.entries`."""
-    for status in statuses:
-        if status not in STATUSES:
-            raise UnknownNameError(f"status is {status!r}; expected {', '.join(STATUSES)}")
-    chosen = "number > ?"
-    values: list[object] = [after]
-    for column, names in (("id", ids), ("status", statuses)):
-        if names:
-            chosen += f" AND {column} IN (SELECT value FROM json_each(?))"
-            values.append(json.dumps(list(names)))
-    check_ids(connection, ids)
-    rows = connection.execute(
-        f"SELECT {COLUMNS} FROM observation_entries WHERE {chosen} "
-        f"ORDER BY number {'DESC' if newest else 'ASC'} LIMIT ?",
-        (*values, limit),
-    )
-    return [ObservationEntry.from_row(row) for row in rows]
-
-
 @dataclass(frozen=True)
 class ObservationSpan:
     """An observation, the times in s that it covers, and whether any object has detections."""
@@ -206,23 +176,3 @@ class ObservationSpan:
             and self.first <= other.last
             and other.first <= self.last
         )
-
-
-def overlapping_texts(connection: sqlite3.Connection, span: ObservationSpan) -> list[str]:
-    """Return the JSON texts of stored observations comparable to one, the nearest in time first."""
-    rows = connection.execute(
-        "SELECT json FROM observations JOIN ("
-        "SELECT id, start_time FROM observation_entries "
-        "WHERE has_detections IN (?, 1) AND first_time <= ? AND first_time >= ? - "
-        "(SELECT MAX(last_time - first_time) FROM observation_entries) AND last_time >= ? "
-        "ORDER BY ABS(start_time - ?) LIMIT ?) USING (id)",
-        (
-            not span.has_detections,
-            span.last,
-            span.first,
-            span.first,
-            span.observation.start_time,
-            CANDIDATES,
-        ),
-    )
-    return [row[0] for row in rows]

@@ -136,7 +136,6 @@ def test_resumes_exactly(method):
         ({"max_iterations_without_gain": -3}, "max_iterations_without_gain is -3"),
         ({"cost_threshold": float("nan")}, "cost_threshold is nan"),
         ({"time_limit": -1.0}, "time_limit is -1"),
-        ({"relative_gain": 1.0}, "relative gain is 1"),
         ({"max_iterations": None}, "nothing bounds the search"),
     ],
 )

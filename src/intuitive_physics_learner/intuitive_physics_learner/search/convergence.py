@@ -30,10 +30,9 @@ class ConvergenceCriteria:
     Parameters
     ----------
     max_iterations : evaluations of J
-    max_iterations_without_gain : evaluations of J since it last fell by `relative_gain`
+    max_iterations_without_gain : evaluations of J since it last fell by 0.01 %
     cost_threshold : m; J below this is good enough
     time_limit : s of wall time; `learn` leaves part of it for the identifiability of the result
-    relative_gain : part of J by which it must fall to count as a gain
 
     Raises
     ------
@@ -45,7 +44,6 @@ class ConvergenceCriteria:
     max_iterations_without_gain: int | None = None
     cost_threshold: float | None = None
     time_limit: float | None = None
-    relative_gain: float = 1e-4
 
     def __post_init__(self) -> None:
         for name in ("max_iterations", "max_iterations_without_gain"):
@@ -56,10 +54,6 @@ class ConvergenceCriteria:
             number = getattr(self, name)
             if number is not None and not number >= 0.0:
                 raise InvalidInputError(f"{name} is {number}; expected a number ≥ 0")
-        if not 0.0 <= self.relative_gain < 1.0:
-            raise InvalidInputError(
-                f"relative gain is {self.relative_gain}; expected at least 0 and below 1"
-            )
         limits = (self.max_iterations, self.max_iterations_without_gain, self.time_limit)
         if all(limit is None for limit in limits):
             raise InvalidInputError(

@@ -26,7 +26,7 @@ All take a handful of simulations for each parameter of each observation that ca
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -153,18 +153,16 @@ def identify(
     residuals = cost.residuals([parameters])[0]
     noise = _Noise(residuals, cost.point_trajectory)
     asked = np.arange(axes.size) if active is None else np.flatnonzero(active)
-    levels = SCAN_LEVELS
-    changes = np.zeros((axes.size, len(levels)))
+    changes = np.zeros((axes.size, len(SCAN_LEVELS)))
     # Most parameters are of few observations, and only these are simulated again.
     saving = CachedCost(cost)
-    changes[asked] = _cost_changes(saving, axes, asked, parameters, levels, cancelled)
+    changes[asked] = _cost_changes(saving, axes, asked, parameters, cancelled)
     threshold = max(SMALLEST_RESPONSE, RESPONSE_THRESHOLD * noise.cost_standard_error)
     rising = np.flatnonzero(changes.max(axis=1) > threshold)
     deviations = np.full(axes.size, np.inf)
     information = np.zeros((0, 0))
     if rising.size:
-        step, columns = JACOBIAN_STEP, influence[:, rising]
-        squares = _squares_of_slopes(cost, axes, rising, columns, step, cancelled)
+        squares = _squares_of_slopes(cost, axes, rising, influence[:, rising], cancelled)
         information = squares / noise.effective_variance(rising.size)
         covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(rising.size))
         deviations[rising] = np.sqrt(np.diag(covariance))
@@ -258,13 +256,12 @@ def _cost_changes(
     axes: ParameterAxes,
     chosen: NDArray[np.int64],
     parameters: StaticParameters,
-    levels: Sequence[float],
     cancelled: Callable[[], bool] | None,
 ) -> NDArray[np.float64]:
     """Change (n_chosen, n_levels) of J in m at each scan level."""
     at_optimum = cost.distances([parameters])[0]
     lower, upper = axes.lower[chosen, None], axes.upper[chosen, None]
-    places = lower + np.array(levels) * (upper - lower)
+    places = lower + np.array(SCAN_LEVELS) * (upper - lower)
     moves = [axes.moved(axis, z) for axis, row in zip(chosen, places, strict=True) for z in row]
     changes = []
     for batch in batches(moves, cancelled):
@@ -280,18 +277,20 @@ def _squares_of_slopes(
     axes: ParameterAxes,
     chosen: NDArray[np.int64],
     influence: NDArray[np.bool_],
-    step: float,
     cancelled: Callable[[], bool] | None,
 ) -> NDArray[np.float64]:
     """Aᵀ A (n_chosen, n_chosen) in m², A being the slopes of all residuals along the chosen axes.
 
-    `influence` (n_observations, n_chosen) bool; `step`: width of the differences to each side.
+    `influence` (n_observations, n_chosen) bool.
     """
-    below = np.maximum(axes.origin - step, axes.lower)[chosen]
-    above = np.minimum(axes.origin + step, axes.upper)[chosen]
+    below = np.maximum(axes.origin - JACOBIAN_STEP, axes.lower)[chosen]
+    above = np.minimum(axes.origin + JACOBIAN_STEP, axes.upper)[chosen]
     width = above - below
-    moves = [axes.moved(axis, z) for axis, z in zip(chosen, below, strict=True)]
-    moves += [axes.moved(axis, z) for axis, z in zip(chosen, above, strict=True)]
+    moves = [
+        axes.moved(axis, z)
+        for places in (below, above)
+        for axis, z in zip(chosen, places, strict=True)
+    ]
     squares = np.zeros((chosen.size, chosen.size))
     for observation, row in enumerate(influence):
         stop_if(cancelled)

@@ -35,6 +35,9 @@ CostFunction = Callable[[Sequence[StaticParameters]], NDArray[np.float64]]
 CHECKPOINT_PERIOD = 1.0
 """s between two states that a search hands out while it runs."""
 
+RELATIVE_GAIN = 1e-4
+"""Part of J by which it must fall to count as a gain; set by hand."""
+
 
 class Search(ABC):
     """A search that can run, return its state, and continue from that exactly."""
@@ -68,24 +71,24 @@ class Search(ABC):
         Returns whether the start is better than what was found.
         """
 
-    @abstractmethod
     def plan(self, most_iterations: int | None) -> None:
         """Prepare for at most `most_iterations` evaluations of J, before the first; None: any
         number."""
+        return
 
-    @abstractmethod
     def conclude(self) -> None:
         """Choose the result at the end of `run`, where there is a choice left to make."""
+        return
 
     def initial_spins(self) -> InitialSpins:
         """Return how balls were thrown in the observations; what is not known is left out."""
         return InitialSpins()
 
     @abstractmethod
-    def step(self, limit: int, relative_gain: float = 0.0) -> int:
+    def step(self, limit: int) -> int:
         """Do a piece of work of up to `limit` evaluations of J; return how many there were.
 
-        A gain counts from the part `relative_gain` of J on. None were left to do when it returns 0.
+        None were left to do when it returns 0.
         """
 
     def run(
@@ -118,7 +121,7 @@ class Search(ABC):
             limit = LARGEST_BATCH
             if criteria.max_iterations is not None:
                 limit = max(1, min(limit, criteria.max_iterations - before))
-            evaluated = self.step(limit, criteria.relative_gain)
+            evaluated = self.step(limit)
             seconds = time.monotonic() - began
             if on_progress is not None and evaluated:
                 on_progress(self._progress_since(before, seconds, criteria))
@@ -184,10 +187,10 @@ class Search(ABC):
     def load_own_state(self, state: Mapping[str, Any]) -> None:
         """Read what `own_state` returned."""
 
-    def _record(self, cost: float, relative_gain: float) -> None:
+    def _record(self, cost: float) -> None:
         """Count one evaluation of J, that of `best_parameters` being `cost` after it."""
         self._history.append(cost)
-        if cost < self._gain_cost * (1.0 - relative_gain):
+        if cost < self._gain_cost * (1.0 - RELATIVE_GAIN):
             self._gain_cost = cost
             self._gain_iteration = self.iterations
 
@@ -245,7 +248,7 @@ class ParameterSearch(Search):
             raise InvalidInputError("nothing was evaluated yet; expected step() or run() first")
         return self._space.to_parameters(self._best_point)
 
-    def step(self, limit: int, relative_gain: float = 0.0) -> int:
+    def step(self, limit: int) -> int:
         """Evaluate up to `limit` candidates at once; return how many there were."""
         points = self._rule.ask(limit)
         if len(points) == 0:
@@ -255,14 +258,8 @@ class ParameterSearch(Search):
         for point, cost in zip(points, costs.tolist(), strict=True):
             if cost < self.best_cost:
                 self._best_point = point
-            self._record(min(cost, self.best_cost), relative_gain)
+            self._record(min(cost, self.best_cost))
         return len(points)
-
-    def plan(self, most_iterations: int | None) -> None:
-        """Nothing: a step takes as many as it is allowed."""
-
-    def conclude(self) -> None:
-        """Nothing: the point of the lowest J is the result."""
 
     def keep_start(self, task: LearningTask) -> bool:
         (cost,) = self._cost([task.start]).tolist()

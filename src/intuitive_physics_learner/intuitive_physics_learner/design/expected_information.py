@@ -29,9 +29,8 @@ from numpy.typing import NDArray
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cancellation import stop_if
-from intuitive_physics_learner.cost.cost_function import Cost, TrajectoryCost
+from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.design.settings import DesignSettings
 from intuitive_physics_learner.design.throws import Throw, ViewingConditions
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     LARGEST_BEND,
@@ -133,14 +132,15 @@ def expected_posteriors(
     units: NDArray[np.float64],
     viewing: ViewingConditions,
     simulator: Simulator,
-    settings: DesignSettings,
+    execution_error: float,
     rng: np.random.Generator,
     *,
     cancelled: Callable[[], bool] = lambda: False,
 ) -> Iterator[ExpectedPosteriors]:
     """Judge throws, those together that have equally many unknowns.
 
-    `units` (n_draws, n) draws of θ_s from it, points of the unit cube.
+    `units` (n_draws, n) draws of θ_s from the posterior, points of the unit cube; `execution_error`
+    standard deviation by which a throw misses what was meant, a part of the width of each range.
     """
     observations = [viewing.observation(throw.scene) for throw in throws]
     cost = TrajectoryCost(observations, simulator, posterior.materials)
@@ -148,7 +148,9 @@ def expected_posteriors(
     blocks = observation_blocks(observations, influence)
     groups = separate_groups(influence)
     space, covariance = posterior.space, Gaussian.of(posterior, bounded=True).covariance
-    misses = [_execution_errors(throws, block, len(units), settings, rng) for block in blocks]
+    misses = [
+        execution_error * _execution_errors(throws, block, len(units), rng) for block in blocks
+    ]
     steps = np.full(posterior.mean.size, 2.0 * PARAMETER_STEP)
     for block, missed in zip(blocks, misses, strict=True):
         prior = covariance[block.parameters[:, :, None], block.parameters[:, None, :]]
@@ -156,7 +158,8 @@ def expected_posteriors(
         for k, unit in enumerate(units):
             stop_if(cancelled)
             at = ParameterSteps(unit, steps, groups, space.to_parameters)
-            linear = _linearised(cost, block, missed[k], at)
+            deviations = np.full(block.prior_deviations.shape, 2.0 * STATE_STEP)
+            linear = linearise(cost, block, missed[k], deviations, at, block.durations)
             expected[k] = _filtered(linear, block, prior, at, viewing)
         yield ExpectedPosteriors(block.members, block.parameters, expected)
 
@@ -165,24 +168,16 @@ def _execution_errors(
     throws: Sequence[Throw],
     block: ObservationBlock,
     draws: int,
-    settings: DesignSettings,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """Errors (n_draws, W, d), in SI units, with which the throws of a block are made."""
+    """Errors (n_draws, W, d), in SI units, of throws of a block that miss by whole ranges."""
     widths = np.zeros((block.members.size, block.initial_states.observed.shape[1] * 12))
     for row, member in zip(widths, block.members, strict=True):
         spreads = throws[member].widths.ravel()
         row[: spreads.size] = spreads
     state_widths = np.take_along_axis(widths, block.initial_states.components, axis=1)
     normal = rng.standard_normal((draws, *state_widths.shape))
-    return np.asarray(settings.execution_error * state_widths * normal)
-
-
-def _linearised(
-    cost: Cost, block: ObservationBlock, estimate: NDArray[np.float64], at: ParameterSteps
-) -> Linearisation:
-    deviations = np.full(block.prior_deviations.shape, 2.0 * STATE_STEP)
-    return linearise(cost, block, estimate, deviations, at, block.durations)
+    return np.asarray(state_widths * normal)
 
 
 def _filtered(

@@ -17,9 +17,8 @@ from intuitive_physics.scene import Scene
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.simulation.world_batch import pack_worlds
 from intuitive_physics.validation import positive_float
-from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.cost.parameter_influence import influence_on_worlds
 from intuitive_physics_learner.design.expected_information import Reduction
-from intuitive_physics_learner.design.throws import ViewingConditions
 
 QUERY_DRAWS = 256
 """Draws of θ_s by which the dependence of a query's answer on θ_s is found; set by hand."""
@@ -166,7 +165,8 @@ class AboutMotion(Question):
                 "the query's scene cannot be simulated with any draw of the static parameters; "
                 "expected another scene or time"
             )
-        matters = self._influence()
+        world = self.scene.environment, self.scene.objects
+        matters = influence_on_worlds([world], self.scene.materials)[0]
         off = units[good] - units[good].mean(axis=0)
         change = answers[good] - answers[good].mean(axis=0)
         change[:, np.ptp(answers[good], axis=0) < SMALLEST_CHANGE] = 0.0
@@ -176,12 +176,6 @@ class AboutMotion(Question):
         slopes = np.zeros((answers.shape[1], posterior.mean.size))
         slopes[:, new] = answer_slopes[:, old]
         return slopes
-
-    def _influence(self) -> NDArray[np.bool_]:
-        """Which parameters of its own materials, (n,), the scene can depend on."""
-        whole = ViewingConditions(np.array([0.0, self.time]), 1.0, np.zeros((3, 2)))
-        observation = whole.observation(self.scene)
-        return np.asarray(parameter_influence([observation], self.scene.materials)[0])
 
     def _answers(
         self, parameters: Sequence[StaticParameters], simulator: Simulator

@@ -31,7 +31,7 @@ from intuitive_physics_learner.errors import (
     SupersededError,
     UnknownMethodError,
 )
-from intuitive_physics_learner.learning_job import JobProgress, LearningJob, Work
+from intuitive_physics_learner.learning_job import LearningJob, Work
 from intuitive_physics_learner.learning_session import LearningOptions, LearningResult
 from intuitive_physics_learner.nodes.parameters import learning_options
 from intuitive_physics_learner.search.convergence import SearchProgress
@@ -51,6 +51,14 @@ CODES: dict[type[BaseException], int] = {
     SupersededError: ResultCode.CANCELLED,
 }
 """Result code of each error of this package; others are those of `intuitive_physics_ros`."""
+
+
+def refusal(node: Node, error: Exception, doing: str = "a request") -> ResultCode:
+    """Return the result of a request that raised; what is no error of the suite is reported."""
+    if not isinstance(error, IntuitivePhysicsError):
+        unexpected_errors(node).report(error, doing)
+    return error_result(error, CODES)
+
 
 DEADLINE = "search_deadline"
 """Name of the node's parameter."""
@@ -123,7 +131,7 @@ class RequestedSearches:
             await self._watched(job)
             self._fill(response, job)
         except Exception as error:
-            response.result = self._refusal(error)
+            response.result = refusal(self._node, error, "learning")
         return response
 
     async def _on_learn_parameters(self, goal: ServerGoalHandle) -> LearnParameters.Result:
@@ -134,7 +142,7 @@ class RequestedSearches:
             answer.cost_history = await self._watched(job, goal, options)
             self._fill(answer, job)
         except Exception as error:
-            answer.result = self._refusal(error)
+            answer.result = refusal(self._node, error, "learning")
             goal.canceled() if goal.is_cancel_requested else goal.abort()
         else:
             goal.succeed()
@@ -251,11 +259,6 @@ class RequestedSearches:
         answer.static_parameters = self._to_message(job.result().learned)
         answer.result = ok_result()
 
-    def _refusal(self, error: Exception) -> ResultCode:
-        if not isinstance(error, IntuitivePhysicsError):
-            unexpected_errors(self._node).report(error, "learning")
-        return error_result(error, CODES)
-
 
 def _timer(seconds: float, action: Callable[[], None]) -> threading.Timer:
     """Call something after so long, from another thread that keeps no process alive."""
@@ -265,7 +268,7 @@ def _timer(seconds: float, action: Callable[[], None]) -> threading.Timer:
     return timer
 
 
-def _feedback(progress: JobProgress, options: LearningOptions) -> LearnParameters.Feedback:
+def _feedback(progress: SearchProgress, options: LearningOptions) -> LearnParameters.Feedback:
     return LearnParameters.Feedback(
         iteration=progress.iteration,
         max_iterations=options.criteria.max_iterations,

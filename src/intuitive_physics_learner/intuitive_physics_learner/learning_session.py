@@ -24,11 +24,7 @@ from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_
 from intuitive_physics.prior_knowledge import GivenKnowledge
 from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics.trajectory import MEAN_DISTANCE
-from intuitive_physics_learner.assessment import (
-    AssessedObservations,
-    assess_observations,
-    reassessed,
-)
+from intuitive_physics_learner.assessment import assess_observations, reassessed
 from intuitive_physics_learner.assessment.undisturbed_motion import undisturbed_misfits
 from intuitive_physics_learner.cost.cost_function import (
     Cost,
@@ -97,12 +93,12 @@ class LearningResult:
     ----------
     learned : θ_s with its uncertainty
     search : how it went
-    assessments : of each observation; none where the method assesses none, as those that lower J
+    assessments : of each observation; empty where the method assesses none, as those that lower J
     """
 
     learned: LearnedParameters
     search: SearchResult
-    assessments: tuple[Assessment, ...] | None = None
+    assessments: Sequence[Assessment] = ()
 
 
 def learn(
@@ -156,8 +152,8 @@ def learn(
         distance to choose (`check_method`).
     """
     simulator = simulator or make_simulator("auto")
-    assessed, options = _assessed(observations, options or LearningOptions())
-    previous, task = _begin(assessed.clean, simulator, options, previous, cancelled, make_cost)
+    clean, assessments, options = _assessed(observations, options or LearningOptions())
+    previous, task = _begin(clean, simulator, options, previous, cancelled, make_cost)
     search = make_search(
         options.method, task, np.random.default_rng(options.seed), options.rule_settings
     )
@@ -192,24 +188,23 @@ def learn(
     )
     spins = previous.initial_spins.updated(search.initial_spins())
     learned = replace(learned, initial_spins=spins)
-    assessments = assessed.assessments
     if isinstance(search, JointSearch) and search.fits_trajectories:
         generator = np.random.default_rng([options.seed, 1])
         misfits = undisturbed_misfits(search.fit, simulator, generator)
         assessments = reassessed(assessments, *misfits, trusted=options.trusted_ids)
-    return LearningResult(learned, outcome, assessments or None)
+    return LearningResult(learned, outcome, assessments)
 
 
 def _assessed(
     observations: Sequence[Observation], options: LearningOptions
-) -> tuple[AssessedObservations, LearningOptions]:
-    """Return what is clean of observations, and options with the time that is left."""
+) -> tuple[Sequence[Observation], Sequence[Assessment], LearningOptions]:
+    """Return what is clean of observations, assessments, and options with the time that is left."""
     if options.method != JOINT_METHOD:
-        return AssessedObservations(tuple(observations), ()), options
+        return observations, (), options
     began = time.monotonic()
-    assessed = assess_observations(observations, options.trusted_ids)
+    clean, assessments = assess_observations(observations, options.trusted_ids)
     criteria = options.criteria.after(time.monotonic() - began)
-    return assessed, replace(options, criteria=criteria)
+    return clean, assessments, replace(options, criteria=criteria)
 
 
 def search_parameters(
@@ -222,8 +217,8 @@ def search_parameters(
     NoObservationsError, UnknownMethodError, UnsupportedSceneError, InvalidInputError
         As `learn`.
     """
-    assessed, options = _assessed(observations, options)
-    _, task = _begin(assessed.clean, simulator, options, None, None, TrajectoryCost)
+    clean, _, options = _assessed(observations, options)
+    _, task = _begin(clean, simulator, options, None, None, TrajectoryCost)
     search = make_search(
         options.method, task, np.random.default_rng(options.seed), options.rule_settings
     )

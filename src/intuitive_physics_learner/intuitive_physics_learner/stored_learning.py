@@ -136,7 +136,7 @@ def learn_from_store(
         raise
     stop_if(cancelled)
     stored = _stored(store, result.learned, begun, [each.id for each in observations])
-    if result.assessments is not None:
+    if result.assessments:
         store.apply_assessments(result.assessments)
     store.delete_search(key)
     return replace(result, learned=stored)

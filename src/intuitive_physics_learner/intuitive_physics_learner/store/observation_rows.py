@@ -6,17 +6,16 @@ import json
 import sqlite3
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.limits import limits
 from intuitive_physics.observation import Observation
 from intuitive_physics_learner.store.observation_entries import (
     COLUMNS,
-    UNREADABLE,
-    UNREADABLE_COLUMNS,
     USED,
+    entry_columns,
     parsed_observation,
-    text_columns,
 )
 
 TOO_MANY_MATERIALS = (
@@ -39,15 +38,17 @@ NEAR = (
 first: whether it has detections, its first and last time, and its start in s."""
 
 
-def insert_observation(connection: sqlite3.Connection, row: tuple[str, float, str]) -> bool:
-    """Insert id, received_at and JSON text; return whether the id is new."""
+def insert_observation(
+    connection: sqlite3.Connection, observation: Observation, text: str, received_at: float
+) -> bool:
+    """Insert an observation, received at a Unix time in s; return whether its id is new."""
     inserted = connection.execute(
         "INSERT INTO observations (id, received_at, json) VALUES (?, ?, ?) "
         "ON CONFLICT (id) DO NOTHING",
-        row,
+        (observation.id, received_at, text),
     ).rowcount
     if inserted:
-        insert_entry(connection, *row)
+        insert_entry(connection, observation.id, received_at, entry_columns(observation))
     return bool(inserted)
 
 
@@ -104,26 +105,19 @@ def check_ids(connection: sqlite3.Connection, ids: Sequence[str]) -> None:
         )
 
 
-def insert_entry(connection: sqlite3.Connection, name: str, received_at: float, text: str) -> None:
-    """Insert the entry of an observation whose JSON text is stored, as of a new revision."""
-    status, reason = USED, ""
-    try:
-        columns = text_columns(text)
-    except InvalidInputError as error:
-        status, reason, columns = UNREADABLE, str(error), UNREADABLE_COLUMNS
-    row = (name, received_at, *columns, status, float(status == USED), reason)
-    places = ", ".join("?" * len(row))
-    names = COLUMNS.removeprefix("number, ")
-    connection.execute(
-        f"INSERT INTO observation_entries ({names}) VALUES ({places}, ?)",
-        (*row, next_revision(connection)),
-    )
+def insert_entry(
+    connection: sqlite3.Connection, name: str, received_at: float, columns: tuple[Any, ...]
+) -> None:
+    """Insert the entry of an observation, with its `entry_columns`, as of a new revision."""
+    row = (name, received_at, *columns, USED, 1.0, "", next_revision(connection))
+    names, places = COLUMNS.removeprefix("number, "), ", ".join("?" * len(row))
+    connection.execute(f"INSERT INTO observation_entries ({names}) VALUES ({places})", row)
 
 
-def renew_entry(connection: sqlite3.Connection, name: str, text: str) -> None:
+def renew_entry(connection: sqlite3.Connection, name: str, observation: Observation) -> None:
     """Make an observation whose text can be read used again, as of a new revision."""
     columns = COLUMNS.split(", ")[3:]
-    row = (*text_columns(text), USED, 1.0, "", next_revision(connection))
+    row = (*entry_columns(observation), USED, 1.0, "", next_revision(connection))
     changes = ", ".join(f"{column} = ?" for column in columns) + ", learned_in = NULL"
     connection.execute(f"UPDATE observation_entries SET {changes} WHERE id = ?", (*row, name))
 

@@ -142,18 +142,21 @@ class ObservationStore:
                 key=lambda other: abs(other.observation.start_time - observation.start_time),
             )
             times = (span.first, span.last, observation.start_time)
-            texts = self.database.rows(NEAR, (span.has_detections, *times))
-            stored = readable_observations(text for (text,) in texts)
+            near_rows = self.database.rows(NEAR, (span.has_detections, *times))
+            stored = readable_observations(text for (text,) in near_rows)
             same = (*stored, *(other.observation for other in near))
             if not any(other.same_motion(observation) for other in same):
                 fresh.append(span)
         new = [span.observation for span in fresh]
-        rows = [(observation.id, time.time(), readable_text(observation)) for observation in new]
+        texts = [readable_text(observation) for observation in new]
         materials = observation_materials(new)
         with self.database.writing() as connection:
             self._check_materials(connection, materials)
             before = database_bytes(connection)
-            count = sum(insert_observation(connection, row) for row in rows)
+            count = sum(
+                insert_observation(connection, observation, text, time.time())
+                for observation, text in zip(new, texts, strict=True)
+            )
             # SQLite's max_page_count would refuse versions of θ_s too, as if the disk were full.
             self._check_size(before, database_bytes(connection))
             return count
@@ -351,14 +354,14 @@ class ObservationStore:
             )
         deque(self.each_observation((USED, DOUBTFUL, EXCLUDED)), maxlen=0)
         readable = [
-            (entry, text)
+            (entry.id, observation)
             for entry, text in self._texts(self.entries(statuses=[UNREADABLE]))
-            if isinstance(parsed_observation(text), Observation)
+            if isinstance(observation := parsed_observation(text), Observation)
         ]
         if readable:
             with self.database.writing() as connection:
-                for entry, text in readable:
-                    renew_entry(connection, entry.id, text)
+                for name, observation in readable:
+                    renew_entry(connection, name, observation)
             self._set_excess_aside()
         return self.entries(statuses=[UNREADABLE])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -84,6 +84,17 @@ class LearningOptions:
     trusted_ids: Sequence[str] = ()
     rule_settings: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def course(self) -> dict[str, Any]:
+        """What the course of a search over given observations depends on, as plain JSON data."""
+        return {
+            "method": self.method,
+            "distance": self.distance,
+            "rule_settings": dict(self.rule_settings),
+            "seed": self.seed,
+            "bounds": {kind: asdict(bounds) for kind, bounds in self.bounds.items()},
+        }
+
 
 @dataclass(frozen=True, eq=False)
 class LearningResult:
@@ -130,7 +141,7 @@ def learn(
         (`LearnedParameters.given`) holds: fixed values are not searched, and joint estimation takes
         priors as such; rules that lower J only begin at their values.
     on_progress : called after each step of the search
-    cancelled : polled between batches of candidates
+    cancelled : polled between shares of simulations
     resume : what `on_checkpoint` was given by a search with the same observations, options and
         previous θ_s, which continues exactly as if it had not stopped
     on_checkpoint : called about once a second with the state of the search, as plain JSON data
@@ -177,9 +188,7 @@ def learn(
         outcome = replace(outcome, parameters=kept, cost=float(task.cost.costs([kept])[0]))
     limit = options.criteria.time_limit
     identifiability = search.identifiability(
-        task,
-        cancelled=cancelled,
-        seconds_left=lambda: np.inf if limit is None else limit - (time.monotonic() - began),
+        task, lambda: np.inf if limit is None else limit - (time.monotonic() - began)
     )
     parameters = _unresponsive_restored(task, outcome, identifiability)
     cost = float(task.cost.costs([parameters])[0])
@@ -303,13 +312,8 @@ def _identity(
     options: LearningOptions, task: LearningTask, previous: LearnedParameters
 ) -> dict[str, Any]:
     """Return what must be the same for a search to continue, as plain JSON data."""
-    bounds = task.space.bounds
     return {
-        "method": options.method,
-        "distance": options.distance,
-        "rule_settings": dict(options.rule_settings),
-        "seed": options.seed,
-        "bounds": {kind: [b.lower, b.upper, b.scale] for kind, b in bounds.items()},
+        **options.course,
         "observations": [observation.id for observation in task.cost.observations],
         "start": task.start.to_dict(),
         "given": None if previous.given is None else previous.given.to_dict(),

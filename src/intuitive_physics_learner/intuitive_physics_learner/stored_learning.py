@@ -20,10 +20,10 @@ from intuitive_physics.scene import Scene, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.state import ObjectState
-from intuitive_physics_learner.cost.cancellation import stop_if
 from intuitive_physics_learner.cost.cost_function import MakeCost, TrajectoryCost
 from intuitive_physics_learner.errors import (
     IncompatibleEnvironmentError,
+    LearningCancelledError,
     NoObservationsError,
     SupersededError,
     UnreadableVersionError,
@@ -62,7 +62,7 @@ def check_environments(observations: Sequence[Observation], simulator: Simulator
             ) from None
 
 
-STATE_FORM = 2
+STATE_FORM = 3
 """Form of the states of searches: one that a program with another form left begins again."""
 
 LARGEST_SAVING_SHARE = 0.05
@@ -134,7 +134,8 @@ def learn_from_store(
     except UnsupportedSceneError:
         check_environments(observations, simulator)
         raise
-    stop_if(cancelled)
+    if cancelled is not None and cancelled():
+        raise LearningCancelledError
     stored = _stored(store, result.learned, begun, [each.id for each in observations])
     if result.assessments:
         store.apply_assessments(result.assessments)
@@ -205,11 +206,7 @@ def _key(
         "observations": [observation.id for observation in observations],
         "trusted": list(options.trusted_ids),
         "simulator": simulator.name,
-        "method": options.method,
-        "distance": options.distance,
-        "rule_settings": dict(options.rule_settings),
-        "seed": options.seed,
-        "bounds": {kind: asdict(bounds) for kind, bounds in options.bounds.items()},
+        **options.course,
         "criteria": asdict(options.criteria),
     }
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()

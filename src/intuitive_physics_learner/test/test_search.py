@@ -17,7 +17,7 @@ from intuitive_physics_learner import (
     StopReason,
     make_update_rule,
 )
-from intuitive_physics_learner.cost.cancellation import LARGEST_BATCH
+from intuitive_physics_learner.search.parameter_search import LARGEST_BATCH
 
 SPACE = ParameterSpace(("stone",))
 

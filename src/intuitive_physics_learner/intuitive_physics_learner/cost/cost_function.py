@@ -18,14 +18,13 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.trajectory import DISTANCES, LARGEST_DISTANCE, MEAN_DISTANCE
-from intuitive_physics_learner.cost.cancellation import stop_if
 from intuitive_physics_learner.cost.packed_observations import (
     PackedObservations,
     packed_in_groups,
     times_after_start,
 )
 from intuitive_physics_learner.cost.trials import Trials
-from intuitive_physics_learner.errors import NoObservationsError
+from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
 
 FAILED_DISTANCE = 1000.0
 """Distance in m of each object of a world that did not simulate to its end; none counts more."""
@@ -273,7 +272,8 @@ class InterruptibleCost(Cost):
 
     def _shares(self, trials: Trials) -> Iterator[Trials]:
         for part in _chunks(np.arange(trials.size), self._cost.largest_share):
-            stop_if(self._cancelled)
+            if self._cancelled():
+                raise LearningCancelledError
             yield trials.taken(part)
 
 

@@ -28,8 +28,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.simulation import Simulator
-from intuitive_physics_learner.cost.cancellation import stop_if
-from intuitive_physics_learner.cost.cost_function import TrajectoryCost
+from intuitive_physics_learner.cost.cost_function import InterruptibleCost, TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.design.throws import Throw, ViewingConditions
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
@@ -143,7 +142,9 @@ def expected_posteriors(
     standard deviation by which a throw misses what was meant, a part of the width of each range.
     """
     observations = [viewing.observation(throw.scene) for throw in throws]
-    cost = TrajectoryCost(observations, simulator, posterior.materials)
+    cost = InterruptibleCost(
+        TrajectoryCost(observations, simulator, posterior.materials), cancelled
+    )
     influence = parameter_influence(observations, posterior.materials)
     blocks = observation_blocks(observations, influence)
     groups = separate_groups(influence)
@@ -156,7 +157,6 @@ def expected_posteriors(
         prior = covariance[block.parameters[:, :, None], block.parameters[:, None, :]]
         expected = np.empty((len(units), *prior.shape))
         for k, unit in enumerate(units):
-            stop_if(cancelled)
             at = ParameterSteps(unit, steps, groups, space.to_parameters)
             deviations = np.full(block.prior_deviations.shape, 2.0 * STATE_STEP)
             linear = linearise(cost, block, missed[k], deviations, at, block.durations)

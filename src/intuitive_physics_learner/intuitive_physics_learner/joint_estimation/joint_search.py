@@ -129,15 +129,11 @@ class JointSearch(Search):
         return better
 
     def identifiability(
-        self,
-        task: LearningTask,
-        *,
-        cancelled: Callable[[], bool] | None = None,
-        seconds_left: Callable[[], float] = lambda: np.inf,
+        self, task: LearningTask, seconds_left: Callable[[], float] = lambda: np.inf
     ) -> Identifiability:
         """From the posterior of the fit; where J was lowered instead, by J."""
         if self.lowers_cost:
-            return super().identifiability(task, cancelled=cancelled, seconds_left=seconds_left)
+            return super().identifiability(task, seconds_left)
         return joint_identifiability(self._staged, task, seconds_left)
 
     def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:

@@ -26,7 +26,6 @@ All take a handful of simulations for each parameter of each observation that ca
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,7 +35,6 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRECISION
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.cost.cached_cost import CachedCost
-from intuitive_physics_learner.cost.cancellation import batches, stop_if
 from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE, Cost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.trials import Trials
@@ -130,7 +128,6 @@ def identify(
     space: ParameterSpace,
     parameters: StaticParameters,
     active: NDArray[np.bool_] | None = None,
-    cancelled: Callable[[], bool] | None = None,
 ) -> Identifiability:
     """Find out which parameters the observations determine, around an optimum.
 
@@ -141,12 +138,6 @@ def identify(
     parameters : θ_s that the search found
     active : (|θ_s|,) bool, which parameters to ask about; the others are taken to have no influence
         (`active_parameters`); None asks about all
-    cancelled : polled between batches
-
-    Raises
-    ------
-    LearningCancelledError
-        When `cancelled` returned True.
     """
     axes = ParameterAxes(space, parameters)
     influence = parameter_influence(cost.observations, cost.materials)
@@ -156,17 +147,17 @@ def identify(
     changes = np.zeros((axes.size, len(SCAN_LEVELS)))
     # Most parameters are of few observations, and only these are simulated again.
     saving = CachedCost(cost)
-    changes[asked] = _cost_changes(saving, axes, asked, parameters, cancelled)
+    changes[asked] = _cost_changes(saving, axes, asked, parameters)
     threshold = max(SMALLEST_RESPONSE, RESPONSE_THRESHOLD * noise.cost_standard_error)
     rising = np.flatnonzero(changes.max(axis=1) > threshold)
     deviations = np.full(axes.size, np.inf)
     information = np.zeros((0, 0))
     if rising.size:
-        squares = _squares_of_slopes(cost, axes, rising, influence[:, rising], cancelled)
+        squares = _squares_of_slopes(cost, axes, rising, influence[:, rising])
         information = squares / noise.effective_variance(rising.size)
         covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(rising.size))
         deviations[rising] = np.sqrt(np.diag(covariance))
-    moved = acceptable_moves(saving, axes, parameters, influence, deviations, cancelled)
+    moved = acceptable_moves(saving, axes, parameters, influence, deviations)
     deviations = np.maximum(deviations, moved.min(axis=1) / UNIFORM)
     along_axes = np.zeros((axes.size, axes.size))
     along_axes[np.ix_(rising, rising)] = widened_information(
@@ -256,20 +247,16 @@ def _cost_changes(
     axes: ParameterAxes,
     chosen: NDArray[np.int64],
     parameters: StaticParameters,
-    cancelled: Callable[[], bool] | None,
 ) -> NDArray[np.float64]:
     """Change (n_chosen, n_levels) of J in m at each scan level."""
     at_optimum = cost.distances([parameters])[0]
     lower, upper = axes.lower[chosen, None], axes.upper[chosen, None]
     places = lower + np.array(SCAN_LEVELS) * (upper - lower)
     moves = [axes.moved(axis, z) for axis, row in zip(chosen, places, strict=True) for z in row]
-    changes = []
-    for batch in batches(moves, cancelled):
-        distances = cost.distances(batch)
-        # A world that the engine cannot finish says nothing about identifiability.
-        distances = np.where(distances < FAILED_DISTANCE, distances, at_optimum)
-        changes.append((distances - at_optimum).mean(axis=1))
-    return np.concatenate(changes).reshape(places.shape)
+    distances = cost.distances(moves)
+    # A world that the engine cannot finish says nothing about identifiability.
+    distances = np.where(distances < FAILED_DISTANCE, distances, at_optimum)
+    return np.asarray((distances - at_optimum).mean(axis=1).reshape(places.shape))
 
 
 def _squares_of_slopes(
@@ -277,7 +264,6 @@ def _squares_of_slopes(
     axes: ParameterAxes,
     chosen: NDArray[np.int64],
     influence: NDArray[np.bool_],
-    cancelled: Callable[[], bool] | None,
 ) -> NDArray[np.float64]:
     """Aᵀ A (n_chosen, n_chosen) in m², A being the slopes of all residuals along the chosen axes.
 
@@ -293,7 +279,6 @@ def _squares_of_slopes(
     ]
     squares = np.zeros((chosen.size, chosen.size))
     for observation, row in enumerate(influence):
-        stop_if(cancelled)
         columns = np.flatnonzero(row & (width > 0.0))
         if columns.size == 0:
             continue

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics_learner.cost.cancellation import LARGEST_BATCH
 from intuitive_physics_learner.search.convergence import (
     ConvergenceCriteria,
     SearchProgress,
@@ -31,6 +30,9 @@ from intuitive_physics_learner.search.update_rules import UpdateRule
 
 CostFunction = Callable[[Sequence[StaticParameters]], NDArray[np.float64]]
 """J of several candidates, shape (n_candidates,), in m."""
+
+LARGEST_BATCH = 50
+"""Candidates evaluated at once at most; between batches a search can be stopped."""
 
 CHECKPOINT_PERIOD = 1.0
 """s between two states that a search hands out while it runs."""
@@ -143,17 +145,13 @@ class Search(ABC):
         )
 
     def identifiability(
-        self,
-        task: LearningTask,
-        *,
-        cancelled: Callable[[], bool] | None = None,
-        seconds_left: Callable[[], float] = lambda: np.inf,
+        self, task: LearningTask, seconds_left: Callable[[], float] = lambda: np.inf
     ) -> Identifiability:
         """Return which parameters the observations determine, and how well, at the estimate.
 
         By J around `best_parameters` (`identify`), unless the search has a better way.
         """
-        return identify(task.cost, task.space, self.best_parameters, task.active, cancelled)
+        return identify(task.cost, task.space, self.best_parameters, task.active)
 
     def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
         """How long `identifiability` will take at the pace of the search."""

@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
@@ -191,12 +190,16 @@ def learn(
         task, lambda: np.inf if limit is None else limit - (time.monotonic() - began)
     )
     parameters = _unresponsive_restored(task, outcome, identifiability)
-    cost = float(task.cost.costs([parameters])[0])
     learned = _merged(
-        previous, task.space, parameters, identifiability, cost, len(observations), options.method
+        previous,
+        task.space,
+        parameters,
+        identifiability,
+        cost=float(task.cost.costs([parameters])[0]),
+        observation_count=len(observations),
+        method=options.method,
+        initial_spins=previous.initial_spins.updated(search.initial_spins()),
     )
-    spins = previous.initial_spins.updated(search.initial_spins())
-    learned = replace(learned, initial_spins=spins)
     if isinstance(search, JointSearch) and search.fits_trajectories:
         generator = np.random.default_rng([options.seed, 1])
         misfits = undisturbed_misfits(search.fit, simulator, generator)
@@ -352,11 +355,9 @@ def _merged(
     space: ParameterSpace,
     parameters: StaticParameters,
     identifiability: Identifiability,
-    cost: float,
-    observation_count: int,
-    method: str,
+    **others: Any,
 ) -> LearnedParameters:
-    """The next version of θ_s, over all known materials."""
+    """The next version of θ_s, over all known materials, with its other fields as given."""
     _, searched = parameter_places(parameters.materials, previous.materials)
     values = parameter_vector(previous.parameters)
     deviations = previous.standard_deviations.copy()
@@ -370,49 +371,27 @@ def _merged(
     identified[responsive] = identifiability.identified[identifiability.responsive]
     intervals[responsive] = identifiability.intervals[identifiability.responsive]
     merged = parameters_of_vector(previous.materials, values)
-    posterior = _merged_posterior(previous, space, merged, searched, identifiability)
-    return LearnedParameters(
+    information = np.zeros((values.size, values.size))
+    information[np.ix_(searched, searched)] = identifiability.information
+    unit = ParameterSpace(merged.materials, space.bounds).to_unit(merged)
+    new = ParameterPosterior.from_information(merged.materials, unit, information, space.bounds)
+    bounds = widened_bounds(space.bounds, merged)
+    new, known = new.within(bounds), previous.whole_posterior(space.bounds).within(bounds)
+    posterior = known.renewed(
+        np.isin(np.arange(values.size), responsive),
+        known.space.to_unit(merged),
+        new.information,
+        unit_intervals(known.space, merged, intervals),
+    )
+    if previous.given is not None:
+        posterior = previous.given.imposed_on(posterior, merged)
+    return replace(
+        previous,
         parameters=merged,
         standard_deviations=deviations,
         identified=identified,
-        version=previous.version + 1,
-        cost=cost,
-        observation_count=observation_count,
-        method=method,
         intervals=intervals,
         posterior=posterior,
-        given=previous.given,
+        version=previous.version + 1,
+        **others,
     )
-
-
-def _merged_posterior(
-    previous: LearnedParameters,
-    space: ParameterSpace,
-    merged: StaticParameters,
-    searched: NDArray[np.int64],
-    identifiability: Identifiability,
-) -> ParameterPosterior:
-    """Return the posterior of the next version of θ_s.
-
-    `searched` (|θ_s| of the search,) indices of its parameters among those of `merged`.
-    """
-    bounds = widened_bounds(space.bounds, merged)
-    whole = ParameterSpace(merged.materials, bounds)
-    chosen = np.zeros(whole.size, dtype=bool)
-    chosen[searched[identifiability.responsive]] = True
-    information = np.zeros((whole.size, whole.size))
-    information[np.ix_(searched, searched)] = identifiability.information
-    ends = np.full((whole.size, 2), np.nan)
-    ends[searched] = identifiability.intervals
-    new = ParameterPosterior.from_information(
-        merged.materials,
-        ParameterSpace(merged.materials, space.bounds).to_unit(merged),
-        information,
-        space.bounds,
-    ).within(bounds)
-    posterior = previous.whole_posterior(space.bounds).within(bounds)
-    renewed = posterior.renewed(
-        chosen, whole.to_unit(merged), new.information, unit_intervals(whole, merged, ends)
-    )
-    given = previous.given
-    return renewed if given is None else given.imposed_on(renewed, merged)

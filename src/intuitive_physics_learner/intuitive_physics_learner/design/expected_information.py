@@ -1,21 +1,12 @@
 """The information about θ_s that a throw is expected to give, before it is made.
 
 A throw is simulated as the observation it would become, at θ_s drawn from the present posterior and
-with the noise and rate of the camera. Near each draw its detections are linear in θ_s and in the
-initial state x, with slopes A_p and A_x, so that detections with noise σ give the information
-
-    Λ = A_pᵀ A_p / σ² - A_pᵀ A_x (A_xᵀ A_x + σ² P_x)⁻¹ A_xᵀ A_p / σ²
-
-on θ_s (P_x: precision of x before the throw), which adds to the information of the posterior.
-
-Here the same is computed detection by detection in the order of time, as a Kalman filter with the
-state (x, θ_s) does: before each one, the covariance says how well its position is predicted. As in
-the estimation (`fit_horizons`), a detection counts only if that is well enough and the slopes hold
-as far as the uncertainty reaches; from the first one on that does not, motion is chaotic to the
-estimator, and the rest of the track gives no information.
-
-Lindley (1956), *On a measure of the information provided by an experiment*; Chaloner and Verdinelli
-(1995), *Bayesian experimental design: a review*, on linearisation at draws from the posterior.
+with the noise and rate of the camera, and linearised there in θ_s and in its initial state, as
+`docs/method/next_throw.md` derives. Its detections are taken one by one in the order of time, as a
+Kalman filter does. As in the estimation (`fit_horizons`), a detection counts only if its position
+is predicted well enough and the slopes hold as far as the uncertainty reaches; from the first one
+on that does not, motion is chaotic to the estimator, and the rest of the track gives no
+information.
 """
 
 from __future__ import annotations

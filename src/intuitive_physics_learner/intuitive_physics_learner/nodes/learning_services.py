@@ -198,37 +198,32 @@ class RequestedSearches:
 
         A job that was cancelled and has not ended by then is left to end by itself.
         """
-        deadline = self._deadline(job)
-        try:
-            return await self._watched_to_its_end(job, goal, options)
-        finally:
-            deadline.cancel()
-
-    async def _watched_to_its_end(
-        self, job: LearningJob, goal: ServerGoalHandle | None, options: LearningOptions | None
-    ) -> array[float]:
         history = array("d")
         waits_until = math.inf
-        while True:
-            change = self._changed.next()
-            done = job.done
-            progress = job.drain_progress()
-            history.extend(progress.new_costs)
-            if goal is not None and options is not None and progress.new_costs:
-                self._publish_feedback(goal, _feedback(progress, options))
-            if goal is not None and goal.is_cancel_requested:
-                job.cancel()
-            if done:
-                self._on_end(job.learned())
-                return history
-            if job.cancelled and math.isinf(waits_until):
-                waits_until = time.monotonic() + CANCEL_PATIENCE
-                _timer(CANCEL_PATIENCE, self._changed.set)
-            executor = self._node.executor
-            if time.monotonic() >= waits_until and executor is not None:
-                executor.create_task(self._ended_late(job))
-                raise job.cancellation
-            await change
+        deadline = self._deadline(job)
+        try:
+            while True:
+                change = self._changed.next()
+                done = job.done
+                progress = job.drain_progress()
+                history.extend(progress.new_costs)
+                if goal is not None and options is not None and progress.new_costs:
+                    self._publish_feedback(goal, progress, options)
+                if goal is not None and goal.is_cancel_requested:
+                    job.cancel()
+                if done:
+                    self._on_end(job.learned())
+                    return history
+                if job.cancelled and math.isinf(waits_until):
+                    waits_until = time.monotonic() + CANCEL_PATIENCE
+                    _timer(CANCEL_PATIENCE, self._changed.set)
+                executor = self._node.executor
+                if time.monotonic() >= waits_until and executor is not None:
+                    executor.create_task(self._ended_late(job))
+                    raise job.cancellation
+                await change
+        finally:
+            deadline.cancel()
 
     async def _ended_late(self, job: LearningJob) -> None:
         await self._end_of(job)
@@ -246,7 +241,16 @@ class RequestedSearches:
 
         return _timer(seconds, cancel)
 
-    def _publish_feedback(self, goal: ServerGoalHandle, feedback: LearnParameters.Feedback) -> None:
+    def _publish_feedback(
+        self, goal: ServerGoalHandle, progress: SearchProgress, options: LearningOptions
+    ) -> None:
+        feedback = LearnParameters.Feedback(
+            iteration=progress.iteration,
+            max_iterations=options.criteria.max_iterations,
+            best_cost=progress.best_cost,
+            cost_history=array("d", progress.new_costs),
+            time_left=progress.seconds_left,
+        )
         try:
             goal.publish_feedback(feedback)
         except Exception as error:
@@ -266,13 +270,3 @@ def _timer(seconds: float, action: Callable[[], None]) -> threading.Timer:
     timer.daemon = True
     timer.start()
     return timer
-
-
-def _feedback(progress: SearchProgress, options: LearningOptions) -> LearnParameters.Feedback:
-    return LearnParameters.Feedback(
-        iteration=progress.iteration,
-        max_iterations=options.criteria.max_iterations,
-        best_cost=progress.best_cost,
-        cost_history=array("d", progress.new_costs),
-        time_left=progress.seconds_left,
-    )

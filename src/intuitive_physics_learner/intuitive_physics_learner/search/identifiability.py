@@ -1,27 +1,9 @@
-"""Which parameters the observations determine, and how well.
+"""Which parameters the observations determine, and how well, asked of J at the optimum of a search.
 
-Three questions are asked of every parameter at the optimum θ_s of a search:
-
-1. Does J respond? Each parameter is moved over its bounds, all others fixed. Where J never rises by
-   more than twice its own standard error, the observations do not determine the parameter: the
-   density of a lone sphere, a pair that never touches, a friction that never acted.
-2. How large is the curvature at the optimum? Near it the residuals r (simulated minus observed
-   positions) are linear in θ_s. With their Jacobian A over the unit interval of each parameter,
-   their variance σ² and the knowledge that a parameter lies within its bounds (a variance of 1/12),
-   the covariance of θ_s is
-
-       Σ = (Aᵀ A / (σ² τ) + 12 I)⁻¹.
-
-   The residuals of one trajectory are alike from one point to the next (an error of the initial
-   state moves them all), so they count as n / τ independent ones, τ being their integrated
-   autocorrelation time. A parameter whose standard deviation is not below half of that of its
-   bounds alone was not learned from the data either.
-3. How far can it be moved without a significant rise of J (`one_sided_intervals`)? The deviation of
-   a parameter that can be moved by L both ways is at least L / √3. One that can be moved farther to
-   one side than to the other, such as a friction that only has to be large enough, has an interval
-   besides.
-
-All take a handful of simulations for each parameter of each observation that can depend on it.
+Does J respond to a parameter at all? How large is the curvature at the optimum? How far can the
+parameter be moved without a significant rise of J (`one_sided_intervals`)? "What is identified" in
+`docs/method/learning.md` has the equations. All three take a handful of simulations for each
+parameter of each observation that can depend on it.
 """
 
 from __future__ import annotations

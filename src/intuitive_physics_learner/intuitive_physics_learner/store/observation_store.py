@@ -233,8 +233,7 @@ class ObservationStore:
         if not ids:
             return [observation for _, observation in self.each_observation()]
         observations = []
-        for entry, text in self._texts(self.entries(ids=ids)):
-            observation = parsed_observation(text)
+        for entry, observation in self._parsed(ids=ids):
             if isinstance(observation, InvalidInputError):
                 self._mark_if_possible([(entry.id, str(observation))])
                 raise StorageError(
@@ -254,17 +253,13 @@ class ObservationStore:
         statuses : of the observations; a text that cannot be read is marked and passed over
         ids : of the observations; empty: all
         """
-        after = 0
-        while entries := self.entries(ids=ids, statuses=statuses, after=after, limit=CHUNK):
-            unreadable = []
-            for entry, text in self._texts(entries):
-                observation = parsed_observation(text)
-                if isinstance(observation, Observation):
-                    yield entry, observation
-                else:
-                    unreadable.append((entry.id, str(observation)))
-            self._mark_if_possible(unreadable)
-            after = entries[-1].number
+        unreadable = []
+        for entry, observation in self._parsed(statuses, ids):
+            if isinstance(observation, Observation):
+                yield entry, observation
+            else:
+                unreadable.append((entry.id, str(observation)))
+        self._mark_if_possible(unreadable)
 
     def exclude(self, ids: Sequence[str], reason: str = EXCLUDED_BY_USER) -> int:
         """Leave observations out of learning, until they are included; return how many changed."""
@@ -355,8 +350,8 @@ class ObservationStore:
         deque(self.each_observation((USED, DOUBTFUL, EXCLUDED)), maxlen=0)
         readable = [
             (entry.id, observation)
-            for entry, text in self._texts(self.entries(statuses=[UNREADABLE]))
-            if isinstance(observation := parsed_observation(text), Observation)
+            for entry, observation in self._parsed([UNREADABLE])
+            if isinstance(observation, Observation)
         ]
         if readable:
             with self.database.writing() as connection:
@@ -544,18 +539,23 @@ class ObservationStore:
             check_ids(connection, ids)
             return sum(set_status(connection, name, status, weight, reason) for name in ids)
 
-    def _texts(self, entries: Sequence[ObservationEntry]) -> Iterator[tuple[ObservationEntry, str]]:
-        """Read the texts of observations; one that was deleted meanwhile is passed over."""
-        for first in range(0, len(entries), CHUNK):
-            some = entries[first : first + CHUNK]
+    def _parsed(
+        self, statuses: Sequence[str] = (), ids: Sequence[str] = ()
+    ) -> Iterator[tuple[ObservationEntry, Observation | InvalidInputError]]:
+        """Read observations, or what is wrong with them, except for those deleted meanwhile."""
+        after = 0
+        while entries := self.entries(ids=ids, statuses=statuses, after=after, limit=CHUNK):
             texts = dict(
                 self.database.rows(
                     "SELECT id, json FROM observations "
                     "WHERE id IN (SELECT value FROM json_each(?))",
-                    (json.dumps([entry.id for entry in some]),),
+                    (json.dumps([entry.id for entry in entries]),),
                 )
             )
-            yield from ((entry, texts[entry.id]) for entry in some if entry.id in texts)
+            for entry in entries:
+                if entry.id in texts:
+                    yield entry, parsed_observation(texts[entry.id])
+            after = entries[-1].number
 
     def _set_excess_aside(self) -> None:
         with self.database.reading() as connection:

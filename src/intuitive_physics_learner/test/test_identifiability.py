@@ -19,8 +19,8 @@ from intuitive_physics_learner import (
     identify,
     make_update_rule,
 )
-from intuitive_physics_learner.cost.cost_function import InterruptibleCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.cost.wrapped_costs import InterruptibleCost
 from intuitive_physics_learner.search.identifiability import identification_trials
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes, parameters_of_vector
 

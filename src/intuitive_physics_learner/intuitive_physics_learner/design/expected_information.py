@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.simulation import Simulator
-from intuitive_physics_learner.cost.cost_function import InterruptibleCost, TrajectoryCost
+from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.cost.wrapped_costs import InterruptibleCost
 from intuitive_physics_learner.design.throws import Throw, ViewingConditions
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     LARGEST_BEND,

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRECISION
 from intuitive_physics.parameter_space import ParameterSpace
-from intuitive_physics_learner.cost.cached_cost import CachedCost
 from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE, Cost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.trials import Trials
+from intuitive_physics_learner.cost.wrapped_costs import CachedCost
 from intuitive_physics_learner.search.one_sided_intervals import (
     MOVE_ROUNDS,
     SMALLEST_RESPONSE,

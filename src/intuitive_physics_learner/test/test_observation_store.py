@@ -8,7 +8,6 @@ import sqlite3
 import sys
 import threading
 import time
-from collections import deque
 from dataclasses import replace
 from pathlib import Path
 
@@ -95,19 +94,6 @@ def test_parameters_get_growing_versions(path):
         assert store.newest_parameters().version == 3
         assert [store.parameters(version).version for version in (1, 2, 3)] == [1, 2, 3]
         assert store.newest_parameters().materials == ("ball", "floor")
-
-
-@pytest.mark.parametrize("written", [1, 7, 40])
-def test_survives_kill_9(path, observation, tmp_path, written):
-    writer = start_writer(path, observation, tmp_path)
-    writer.wait_for("\n", PATIENCE, count=written)
-    writer.stop(signal.SIGKILL)
-    acknowledged = acknowledged_by(writer)
-    with ObservationStore(path) as store:
-        assert store.ids()[: acknowledged + 1] == [f"writer {n}" for n in range(acknowledged + 1)]
-        assert store.count() <= acknowledged + 2
-        assert len(store.observations()) == store.count()
-        assert store.add(observation("later"))
 
 
 def test_survives_kill_9_at_any_instant(path, observation):
@@ -310,7 +296,7 @@ def test_several_observations_are_stored_together_or_not_at_all(path, observatio
         assert store.add_all([observation(id) for id in "bd"]) == 1
         assert store.ids() == ["a", "b", "c", "d"]
         store.database._connection.execute("PRAGMA max_page_count = 1")
-        with pytest.raises(StorageError, match="full"):
+        with pytest.raises(StorageError, match="full; make room"):
             store.add_all([observation(str(n)) for n in range(100)])
         assert store.count() == 4
 
@@ -342,15 +328,6 @@ def test_full_disk_loses_nothing_that_was_stored(path, observation, tmp_path):
     with ObservationStore(path) as store:
         expected = ["before", *(f"writer {n}" for n in range(acknowledged + 1))]
         assert store.ids()[: len(expected)] == expected
-
-
-def test_error_of_a_full_disk(path, observation):
-    with ObservationStore(path) as store:
-        store.add(observation("before"))
-        store.database._connection.execute("PRAGMA max_page_count = 1")
-        with pytest.raises(StorageError, match="full; make room"):
-            deque((store.add(observation(str(n))) for n in range(1000)), maxlen=0)
-        assert store.ids()[0] == "before"
 
 
 def test_folder_that_cannot_be_made(tmp_path):

@@ -16,7 +16,7 @@ from intuitive_physics_learner.cost.trials import Trials, resting
 from intuitive_physics_learner.errors import LearningCancelledError
 
 REMEMBERED = 64
-"""Sets of parameters remembered for an observation on average: more than the candidates of a batch."""
+"""Sets of parameters remembered for an observation on average, more than a batch has candidates."""
 
 
 class InterruptibleCost(Cost):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
-from intuitive_physics.materials import StaticParameters, parameter_key, parameter_places
+from intuitive_physics.materials import StaticParameters, parameter_places
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.regions import Region
 from intuitive_physics.scene import Scene
@@ -19,6 +19,7 @@ from intuitive_physics.simulation.world_batch import pack_worlds
 from intuitive_physics.validation import positive_float
 from intuitive_physics_learner.cost.parameter_influence import influence_on_worlds
 from intuitive_physics_learner.design.expected_information import Reduction
+from intuitive_physics_learner.given_parameters import parameter_indices
 
 QUERY_DRAWS = 256
 """Draws of θ_s by which the dependence of a query's answer on θ_s is found; set by hand."""
@@ -90,15 +91,7 @@ class AboutParameters(Question):
 
     def indices(self, all_names: Sequence[str]) -> list[int]:
         """Return the index of each among the names of all parameters."""
-        places = {parameter_key(name): k for k, name in enumerate(all_names)}
-        indices = []
-        for name in self.names:
-            key = parameter_key(name.strip())
-            if key not in places:
-                raise UnknownNameError(
-                    f"parameter is {name!r}; expected one of {', '.join(all_names)}"
-                )
-            indices.append(places[key])
+        indices = parameter_indices(self.names, all_names)
         if not indices or len(set(indices)) != len(indices):
             raise InvalidInputError(
                 f"parameters asked for are {list(self.names)}; expected at least one, each once"

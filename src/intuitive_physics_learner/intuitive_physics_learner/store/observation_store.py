@@ -235,7 +235,8 @@ class ObservationStore:
         observations = []
         for entry, observation in self._parsed(ids=ids):
             if isinstance(observation, InvalidInputError):
-                self._mark_if_possible([(entry.id, str(observation))])
+                if entry.status != UNREADABLE:
+                    self._mark_if_possible([(entry.id, str(observation))])
                 raise StorageError(
                     f"{self.path}: observation {entry.id} cannot be read ({observation}); delete "
                     "it or learn from others"
@@ -257,7 +258,7 @@ class ObservationStore:
         for entry, observation in self._parsed(statuses, ids):
             if isinstance(observation, Observation):
                 yield entry, observation
-            else:
+            elif entry.status != UNREADABLE:
                 unreadable.append((entry.id, str(observation)))
         self._mark_if_possible(unreadable)
 
@@ -464,7 +465,7 @@ class ObservationStore:
             newest = self.newest_version()
             expected = f"1 to {newest}" if newest else "some to be learned first"
             raise UnknownNameError(f"version is {version}; expected {expected}")
-        ((text,),) = rows
+        text = rows[0][0]
         try:
             check_limit("longest_text", len(text), "characters of the text")
             return LearnedParameters.from_dict(json.loads(text))
@@ -573,8 +574,8 @@ class ObservationStore:
             return
         with self.database.writing() as connection:
             connection.executemany(
-                "UPDATE observation_entries SET status = ?1, weight = 0.0, reason = ?2, "
-                "materials = '[]' WHERE id = ?3 AND status != ?1",
+                "UPDATE observation_entries SET status = ?, weight = 0.0, reason = ?, "
+                "materials = '[]' WHERE id = ?",
                 [(UNREADABLE, reason, name) for name, reason in problems],
             )
 

@@ -24,7 +24,7 @@ from intuitive_physics_learner.errors import StorageError
 from intuitive_physics_learner.given_parameters import given_parameters
 from intuitive_physics_learner.learning_job import Work
 from intuitive_physics_learner.learning_session import LearningOptions
-from intuitive_physics_learner.nodes.learning_services import RequestedSearches, refusal
+from intuitive_physics_learner.nodes.learning_services import RequestedSearches, answered_beside
 from intuitive_physics_learner.nodes.observation_services import (
     BUSY_TIMEOUT,
     ObservationServices,
@@ -155,7 +155,7 @@ class LearnerNode(ManagedNode):
         self.create_service(
             SetStaticParameters,
             "~/set_static_parameters",
-            self._on_set_static_parameters,
+            answered_beside(self, self._database, self._store_given_parameters, self._on_given),
             callback_group=ReentrantCallbackGroup(),
         )
         for name, check in self._observations.checks.items():
@@ -181,27 +181,19 @@ class LearnerNode(ManagedNode):
             response.result = ok_result()
         return response
 
-    async def _on_set_static_parameters(
-        self, request: SetStaticParameters.Request, response: SetStaticParameters.Response
-    ) -> SetStaticParameters.Response:
-        try:
-            stored = await self._database.run(
-                lambda stop: self._store_given_parameters(request, stop)
-            )
-            self._searches.cancel(
-                f"version {stored.version} of the static parameters was given while this search "
-                "ran; nothing was stored: learn again, which takes account of what was given"
-            )
-            self._take_over(stored)
-            self._background.notify()
-            response.version = stored.version
-            response.result = ok_result()
-        except Exception as error:
-            response.result = refusal(self, error)
-        return response
+    def _on_given(self, stored: LearnedParameters) -> None:
+        self._searches.cancel(
+            f"version {stored.version} of the static parameters was given while this search ran; "
+            "nothing was stored: learn again, which takes account of what was given"
+        )
+        self._take_over(stored)
+        self._background.notify()
 
     def _store_given_parameters(
-        self, request: SetStaticParameters.Request, stop: StopFlag
+        self,
+        request: SetStaticParameters.Request,
+        response: SetStaticParameters.Response,
+        stop: StopFlag,
     ) -> LearnedParameters:
         """Store what a request gives on top of the newest θ_s, whoever stored that."""
         values = static_parameters_from_message(request.static_parameters)
@@ -214,6 +206,7 @@ class LearnerNode(ManagedNode):
 
         while (stored := written(on_top_of_newest, stop)) is None:
             stop.check()
+        response.version = stored.version
         return stored
 
     def _on_parameters_set(self, parameters: Sequence[RosParameter]) -> None:

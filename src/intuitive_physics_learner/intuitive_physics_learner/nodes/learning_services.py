@@ -7,6 +7,7 @@ import threading
 import time
 from array import array
 from collections.abc import Callable
+from typing import Any
 
 from intuitive_physics_msgs.action import LearnParameters
 from intuitive_physics_msgs.msg import ResultCode
@@ -35,7 +36,7 @@ from intuitive_physics_learner.learning_job import LearningJob, Work
 from intuitive_physics_learner.learning_session import LearningOptions, LearningResult
 from intuitive_physics_learner.nodes.parameters import learning_options
 from intuitive_physics_learner.search.convergence import SearchProgress
-from intuitive_physics_ros.background import WorkerSignal
+from intuitive_physics_ros.background import Background, WorkerSignal
 from intuitive_physics_ros.lifecycle.kernel_loading import COMPILING
 from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_result
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
@@ -58,6 +59,29 @@ def refusal(node: Node, error: Exception, doing: str = "a request") -> ResultCod
     if not isinstance(error, IntuitivePhysicsError):
         unexpected_errors(node).report(error, doing)
     return error_result(error, CODES)
+
+
+def answered_beside(
+    node: Node,
+    background: Background,
+    answer: Callable[[Any, Any, StopFlag], Any],
+    then: Callable[[Any], object],
+) -> Callable[[Any, Any], Any]:
+    """Return a service's callback that fills the response in a thread.
+
+    `answer(request, response, stop)` does so, and ends early once its flag is set; `then` gets what
+    it returns, in the node's executor.
+    """
+
+    async def on_request(request: Any, response: Any) -> Any:
+        try:
+            then(await background.run(lambda stop: answer(request, response, stop)))
+            response.result = ok_result()
+        except Exception as error:
+            response.result = refusal(node, error)
+        return response
+
+    return on_request
 
 
 DEADLINE = "search_deadline"

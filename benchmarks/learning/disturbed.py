@@ -65,7 +65,7 @@ def learn_disturbed(seed: int) -> DisturbedSet:
         task.exact_cost(), learned.parameters.parameters, undisturbed.parameters.parameters
     )
     flagged = None
-    if learned.result.assessments is not None:
+    if learned.result.assessments:
         flagged = [each.id for each in learned.result.assessments if each.weight < LEAST_GOOD]
     return DisturbedSet(
         seed,

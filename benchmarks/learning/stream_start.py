@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner.store import ObservationStore
+from intuitive_physics_learner.store.observation_entries import entry_columns
 from intuitive_physics_learner.store.observation_rows import insert_entry
 
 POINTS = 45  # points of the observation: 1.5 s at 30 frames a second
@@ -76,24 +78,27 @@ def _fill(path: Path, count: int) -> None:
     ObservationStore(path).close()
     connection = sqlite3.connect(path)
     with connection:
-        for name, received_at, text in _rows(count):
+        for name, received_at, text, columns in _rows(count):
             connection.execute(
                 "INSERT INTO observations VALUES (?, ?, ?)", (name, received_at, text)
             )
-            insert_entry(connection, name, received_at, text)
+            insert_entry(connection, name, received_at, columns)
     connection.close()
 
 
-def _rows(count: int) -> Iterator[tuple[str, float, str]]:
-    """Yield id, time of arrival in s and JSON text of each observation."""
-    data = json.loads(_observation().to_json())
+def _rows(count: int) -> Iterator[tuple[str, float, str, tuple[Any, ...]]]:
+    """Yield id, time of arrival in s, JSON text and `entry_columns` of each observation."""
+    observation = _observation()
+    begin, first, last, *rest = entry_columns(observation)
+    data = json.loads(observation.to_json())
     (ball,) = data["objects"]
     times = np.array(ball["times"])
     for number in range(count):
         start = PERIOD * number
         data |= {"id": f"{number:032x}", "start_time": start}
         ball["times"] = (start + times).tolist()
-        yield data["id"], start, json.dumps(data)
+        columns = (start + begin, start + first, start + last, *rest)
+        yield data["id"], start, json.dumps(data), columns
 
 
 def _observation() -> Observation:

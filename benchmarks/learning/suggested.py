@@ -36,7 +36,6 @@ from intuitive_physics_learner import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.design import (
     AboutParameters,
-    DesignSettings,
     Throw,
     ThrownObject,
     ThrowOptions,
@@ -44,6 +43,7 @@ from intuitive_physics_learner.design import (
     ViewingConditions,
     suggest,
 )
+from intuitive_physics_learner.design.suggestion import EXECUTION_ERROR
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.joint_identifiability import (
@@ -81,7 +81,8 @@ DURATION = 1.5  # s of a track at most
 VIEW = np.array([[-1.5, 1.5], [-1.5, 1.5], [-0.1, 2.0]])  # m, the space that the camera sees
 RADIUS = 0.04  # m, of the balls
 RANGES = ThrowRanges(
-    [[-1.0, 0.9], [-1.0, 1.0], [RADIUS, 1.0]], [[-2.0, 2.0], [-2.0, 2.0], [-1.0, 1.0]]
+    np.array([[-1.0, 0.9], [-1.0, 1.0], [RADIUS, 1.0]]),
+    np.array([[-2.0, 2.0], [-2.0, 2.0], [-1.0, 1.0]]),
 )
 """m and m/s, from which the throws are drawn."""
 
@@ -135,13 +136,12 @@ class _World:
 
     def observe(self, throw: Throw, rng: np.random.Generator) -> Observation:
         """Make a throw, with errors of execution, and detect it."""
-        error = DesignSettings().execution_error
         meant = throw.states[0]
         widths = throw.widths[0]
-        position = meant.position + error * widths[0:3] * rng.standard_normal(3)
+        position = meant.position + EXECUTION_ERROR * widths[0:3] * rng.standard_normal(3)
         position[2] = max(position[2], RADIUS)
         position[0] = min(position[0], 1.0 - RADIUS)
-        velocity = meant.linear_velocity + error * widths[6:9] * rng.standard_normal(3)
+        velocity = meant.linear_velocity + EXECUTION_ERROR * widths[6:9] * rng.standard_normal(3)
         spin = STATE_DEVIATIONS[9:12] * rng.standard_normal(3)
         state = ObjectState(position, (0.0, 0.0, 0.0, 1.0), velocity, spin)
         (item,) = throw.scene.objects

@@ -15,8 +15,8 @@ from intuitive_physics_learner import (
     ParameterSearch,
     make_update_rule,
 )
-from intuitive_physics_learner.cost.cached_cost import CachedCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.cost.wrapped_costs import CachedCost
 from intuitive_physics_learner.joint_estimation import JointSearch
 from intuitive_physics_learner.search.learning_task import LearningTask
 

@@ -100,7 +100,8 @@ def given_parameters(
     selection = np.ones(given.identified.size, dtype=bool)
     base = given
     if names:
-        selection = _chosen(given, names)
+        indices = parameter_indices(names, parameter_names(given.materials))
+        selection = np.isin(np.arange(selection.size), indices)
         base = newest or LearnedParameters.defaults(given.materials)
         base = base.extended(tuple(dict.fromkeys((*base.materials, *given.materials))))
     check_within_bounds(given.parameters, selection, bounds)
@@ -154,19 +155,19 @@ def _checked_posterior(
     return posterior
 
 
-def _chosen(given: LearnedParameters, names: Sequence[str]) -> NDArray[np.bool_]:
-    """Which parameters (|θ_s|,) have the names."""
-    place = {parameter_key(name): i for i, name in enumerate(parameter_names(given.materials))}
-    chosen = np.zeros(len(place), dtype=bool)
+def parameter_indices(names: Sequence[str], all_names: Sequence[str]) -> list[int]:
+    """Return the place of each name among all, with a pair's materials in any order.
+
+    Raises `UnknownNameError` when there is no parameter of a name.
+    """
+    places = {parameter_key(name): k for k, name in enumerate(all_names)}
     for name in names:
-        if parameter_key(name) not in place:
+        if parameter_key(name.strip()) not in places:
             raise UnknownNameError(
-                f"parameter is {name!r}; expected one of the given materials, such as "
-                f"{next(iter(parameter_names(given.materials)))!r} or "
-                f"{parameter_names(given.materials)[-1]!r}"
+                f"parameter is {name!r}; expected one of the materials there are, such as "
+                f"{all_names[0]!r} or {all_names[-1]!r}"
             )
-        chosen[place[parameter_key(name)]] = True
-    return chosen
+    return [places[parameter_key(name.strip())] for name in names]
 
 
 def _knowledge(given: LearnedParameters, as_what: str) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,24 +29,6 @@ takes it again within some 10 µs; a thread that waits for it is woken by each r
 so never asks for it: it waited for 0.5 s now and then."""
 
 
-@dataclass(frozen=True)
-class JobProgress:
-    """The progress of a job.
-
-    Parameters
-    ----------
-    iteration : evaluations of J so far
-    best_cost : lowest J so far, m; infinite before the first
-    new_costs : lowest J after each iteration since the progress was last drained, m
-    seconds_left : until the end at the latest, as far as known
-    """
-
-    iteration: int
-    best_cost: float
-    new_costs: tuple[float, ...]
-    seconds_left: float
-
-
 class LearningJob:
     """Starts at once; kernels of the search release the interpreter lock, so other threads run."""
 
@@ -57,7 +39,7 @@ class LearningJob:
         self._why = ""
         self._outcome: Future[LearningResult] = Future()
         self._lock = threading.Lock()
-        self._progress = JobProgress(0, np.inf, (), np.inf)
+        self._progress = SearchProgress(0, np.inf, (), 0.0, np.inf)
         self._reported_at = self._yielded_at = -np.inf
         self._began = time.monotonic()
         self._ended: float | None = None
@@ -100,13 +82,11 @@ class LearningJob:
         self._thread.join(timeout)
         return self.done
 
-    def drain_progress(self) -> JobProgress:
+    def drain_progress(self) -> SearchProgress:
         """Return the progress and drain the new costs: each is returned once."""
         with self._lock:
             drained = self._progress
-            self._progress = JobProgress(
-                drained.iteration, drained.best_cost, (), drained.seconds_left
-            )
+            self._progress = replace(drained, new_costs=())
         return drained
 
     def result(self) -> LearningResult:
@@ -136,12 +116,8 @@ class LearningJob:
 
     def _on_progress(self, progress: SearchProgress) -> None:
         with self._lock:
-            self._progress = JobProgress(
-                progress.iteration,
-                progress.best_cost,
-                self._progress.new_costs + progress.new_costs,
-                progress.seconds_left,
-            )
+            before = self._progress.new_costs
+            self._progress = replace(progress, new_costs=before + progress.new_costs)
         now = time.monotonic()
         if now - self._yielded_at >= YIELD_PERIOD:
             self._yielded_at = now

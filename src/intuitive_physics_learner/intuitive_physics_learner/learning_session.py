@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
@@ -24,19 +23,11 @@ from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_
 from intuitive_physics.prior_knowledge import GivenKnowledge
 from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics.trajectory import MEAN_DISTANCE
-from intuitive_physics_learner.assessment import (
-    AssessedObservations,
-    assess_observations,
-    reassessed,
-)
+from intuitive_physics_learner.assessment import assess_observations, reassessed
 from intuitive_physics_learner.assessment.undisturbed_motion import undisturbed_misfits
-from intuitive_physics_learner.cost.cost_function import (
-    Cost,
-    InterruptibleCost,
-    MakeCost,
-    TrajectoryCost,
-)
+from intuitive_physics_learner.cost.cost_function import Cost, MakeCost, TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.cost.wrapped_costs import InterruptibleCost
 from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
 from intuitive_physics_learner.given_parameters import check_within_bounds
 from intuitive_physics_learner.joint_estimation.joint_search import JointSearch
@@ -88,6 +79,17 @@ class LearningOptions:
     trusted_ids: Sequence[str] = ()
     rule_settings: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def course(self) -> dict[str, Any]:
+        """What the course of a search over given observations depends on, as plain JSON data."""
+        return {
+            "method": self.method,
+            "distance": self.distance,
+            "rule_settings": dict(self.rule_settings),
+            "seed": self.seed,
+            "bounds": {kind: asdict(bounds) for kind, bounds in self.bounds.items()},
+        }
+
 
 @dataclass(frozen=True, eq=False)
 class LearningResult:
@@ -97,12 +99,12 @@ class LearningResult:
     ----------
     learned : θ_s with its uncertainty
     search : how it went
-    assessments : of each observation; none where the method assesses none, as those that lower J
+    assessments : of each observation; empty where the method assesses none, as those that lower J
     """
 
     learned: LearnedParameters
     search: SearchResult
-    assessments: tuple[Assessment, ...] | None = None
+    assessments: Sequence[Assessment] = ()
 
 
 def learn(
@@ -134,7 +136,7 @@ def learn(
         (`LearnedParameters.given`) holds: fixed values are not searched, and joint estimation takes
         priors as such; rules that lower J only begin at their values.
     on_progress : called after each step of the search
-    cancelled : polled between batches of candidates
+    cancelled : polled between shares of simulations
     resume : what `on_checkpoint` was given by a search with the same observations, options and
         previous θ_s, which continues exactly as if it had not stopped
     on_checkpoint : called about once a second with the state of the search, as plain JSON data
@@ -156,8 +158,8 @@ def learn(
         distance to choose (`check_method`).
     """
     simulator = simulator or make_simulator("auto")
-    assessed, options = _assessed(observations, options or LearningOptions())
-    previous, task = _begin(assessed.clean, simulator, options, previous, cancelled, make_cost)
+    clean, assessments, options = _assessed(observations, options or LearningOptions())
+    previous, task = _begin(clean, simulator, options, previous, cancelled, make_cost)
     search = make_search(
         options.method, task, np.random.default_rng(options.seed), options.rule_settings
     )
@@ -181,37 +183,36 @@ def learn(
         outcome = replace(outcome, parameters=kept, cost=float(task.cost.costs([kept])[0]))
     limit = options.criteria.time_limit
     identifiability = search.identifiability(
-        task,
-        cancelled=cancelled,
-        seconds_left=lambda: np.inf if limit is None else limit - (time.monotonic() - began),
+        task, lambda: np.inf if limit is None else limit - (time.monotonic() - began)
     )
     parameters = _unresponsive_restored(task, outcome, identifiability)
-    cost = float(task.cost.costs([parameters])[0])
     learned = _merged(
-        previous, task.space, parameters, identifiability, cost, len(observations), options.method
+        previous,
+        task.space,
+        parameters,
+        identifiability,
+        cost=float(task.cost.costs([parameters])[0]),
+        observation_count=len(observations),
+        method=options.method,
+        initial_spins=previous.initial_spins.updated(search.initial_spins()),
     )
-    spins = previous.initial_spins.updated(search.initial_spins())
-    learned = replace(learned, initial_spins=spins)
-    assessments = assessed.assessments
     if isinstance(search, JointSearch) and search.fits_trajectories:
         generator = np.random.default_rng([options.seed, 1])
         misfits = undisturbed_misfits(search.fit, simulator, generator)
         assessments = reassessed(assessments, *misfits, trusted=options.trusted_ids)
-    return LearningResult(learned, outcome, assessments or None)
+    return LearningResult(learned, outcome, assessments)
 
 
 def _assessed(
     observations: Sequence[Observation], options: LearningOptions
-) -> tuple[AssessedObservations, LearningOptions]:
-    """Return what is clean of observations, and options with the time that is left."""
+) -> tuple[Sequence[Observation], Sequence[Assessment], LearningOptions]:
+    """Return what is clean of observations, assessments, and options with the time that is left."""
     if options.method != JOINT_METHOD:
-        return AssessedObservations(tuple(observations), ()), options
+        return observations, (), options
     began = time.monotonic()
-    assessed = assess_observations(observations, options.trusted_ids)
-    limit = options.criteria.time_limit
-    if limit is not None:
-        limit = max(0.0, limit - (time.monotonic() - began))
-    return assessed, replace(options, criteria=replace(options.criteria, time_limit=limit))
+    clean, assessments = assess_observations(observations, options.trusted_ids)
+    criteria = options.criteria.after(time.monotonic() - began)
+    return clean, assessments, replace(options, criteria=criteria)
 
 
 def search_parameters(
@@ -224,8 +225,8 @@ def search_parameters(
     NoObservationsError, UnknownMethodError, UnsupportedSceneError, InvalidInputError
         As `learn`.
     """
-    assessed, options = _assessed(observations, options)
-    _, task = _begin(assessed.clean, simulator, options, None, None, TrajectoryCost)
+    clean, _, options = _assessed(observations, options)
+    _, task = _begin(clean, simulator, options, None, None, TrajectoryCost)
     search = make_search(
         options.method, task, np.random.default_rng(options.seed), options.rule_settings
     )
@@ -310,13 +311,8 @@ def _identity(
     options: LearningOptions, task: LearningTask, previous: LearnedParameters
 ) -> dict[str, Any]:
     """Return what must be the same for a search to continue, as plain JSON data."""
-    bounds = task.space.bounds
     return {
-        "method": options.method,
-        "distance": options.distance,
-        "rule_settings": dict(options.rule_settings),
-        "seed": options.seed,
-        "bounds": {kind: [b.lower, b.upper, b.scale] for kind, b in bounds.items()},
+        **options.course,
         "observations": [observation.id for observation in task.cost.observations],
         "start": task.start.to_dict(),
         "given": None if previous.given is None else previous.given.to_dict(),
@@ -355,11 +351,9 @@ def _merged(
     space: ParameterSpace,
     parameters: StaticParameters,
     identifiability: Identifiability,
-    cost: float,
-    observation_count: int,
-    method: str,
+    **others: Any,
 ) -> LearnedParameters:
-    """The next version of θ_s, over all known materials."""
+    """The next version of θ_s, over all known materials, with its other fields as given."""
     _, searched = parameter_places(parameters.materials, previous.materials)
     values = parameter_vector(previous.parameters)
     deviations = previous.standard_deviations.copy()
@@ -373,49 +367,27 @@ def _merged(
     identified[responsive] = identifiability.identified[identifiability.responsive]
     intervals[responsive] = identifiability.intervals[identifiability.responsive]
     merged = parameters_of_vector(previous.materials, values)
-    posterior = _merged_posterior(previous, space, merged, searched, identifiability)
-    return LearnedParameters(
+    information = np.zeros((values.size, values.size))
+    information[np.ix_(searched, searched)] = identifiability.information
+    unit = ParameterSpace(merged.materials, space.bounds).to_unit(merged)
+    new = ParameterPosterior.from_information(merged.materials, unit, information, space.bounds)
+    bounds = widened_bounds(space.bounds, merged)
+    new, known = new.within(bounds), previous.whole_posterior(space.bounds).within(bounds)
+    posterior = known.renewed(
+        np.isin(np.arange(values.size), responsive),
+        known.space.to_unit(merged),
+        new.information,
+        unit_intervals(known.space, merged, intervals),
+    )
+    if previous.given is not None:
+        posterior = previous.given.imposed_on(posterior, merged)
+    return replace(
+        previous,
         parameters=merged,
         standard_deviations=deviations,
         identified=identified,
-        version=previous.version + 1,
-        cost=cost,
-        observation_count=observation_count,
-        method=method,
         intervals=intervals,
         posterior=posterior,
-        given=previous.given,
+        version=previous.version + 1,
+        **others,
     )
-
-
-def _merged_posterior(
-    previous: LearnedParameters,
-    space: ParameterSpace,
-    merged: StaticParameters,
-    searched: NDArray[np.int64],
-    identifiability: Identifiability,
-) -> ParameterPosterior:
-    """Return the posterior of the next version of θ_s.
-
-    `searched` (|θ_s| of the search,) indices of its parameters among those of `merged`.
-    """
-    bounds = widened_bounds(space.bounds, merged)
-    whole = ParameterSpace(merged.materials, bounds)
-    chosen = np.zeros(whole.size, dtype=bool)
-    chosen[searched[identifiability.responsive]] = True
-    information = np.zeros((whole.size, whole.size))
-    information[np.ix_(searched, searched)] = identifiability.information
-    ends = np.full((whole.size, 2), np.nan)
-    ends[searched] = identifiability.intervals
-    new = ParameterPosterior.from_information(
-        merged.materials,
-        ParameterSpace(merged.materials, space.bounds).to_unit(merged),
-        information,
-        space.bounds,
-    ).within(bounds)
-    posterior = previous.whole_posterior(space.bounds).within(bounds)
-    renewed = posterior.renewed(
-        chosen, whole.to_unit(merged), new.information, unit_intervals(whole, merged, ends)
-    )
-    given = previous.given
-    return renewed if given is None else given.imposed_on(renewed, merged)

@@ -8,7 +8,7 @@ import numpy as np
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.trajectory import MEAN_DISTANCE
-from intuitive_physics_learner.cost.cached_cost import CachedCost
+from intuitive_physics_learner.cost.wrapped_costs import CachedCost
 from intuitive_physics_learner.errors import UnknownMethodError
 from intuitive_physics_learner.joint_estimation import JointSearch
 from intuitive_physics_learner.search.learning_task import LearningTask

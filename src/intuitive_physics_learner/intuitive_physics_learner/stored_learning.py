@@ -6,6 +6,7 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -19,10 +20,10 @@ from intuitive_physics.scene import Scene, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.state import ObjectState
-from intuitive_physics_learner.cost.cancellation import stop_if
 from intuitive_physics_learner.cost.cost_function import MakeCost, TrajectoryCost
 from intuitive_physics_learner.errors import (
     IncompatibleEnvironmentError,
+    LearningCancelledError,
     NoObservationsError,
     SupersededError,
     UnreadableVersionError,
@@ -30,7 +31,7 @@ from intuitive_physics_learner.errors import (
 from intuitive_physics_learner.learning_session import LearningOptions, LearningResult, learn
 from intuitive_physics_learner.methods import JOINT_METHOD, check_method
 from intuitive_physics_learner.search.convergence import SearchProgress
-from intuitive_physics_learner.store import ObservationStore, SearchCheckpoint
+from intuitive_physics_learner.store import ObservationStore
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, INCLUDED_BY_USER, USED
 
 PROBE_HEIGHT = 1e3
@@ -61,7 +62,7 @@ def check_environments(observations: Sequence[Observation], simulator: Simulator
             ) from None
 
 
-STATE_FORM = 2
+STATE_FORM = 3
 """Form of the states of searches: one that a program with another form left begins again."""
 
 LARGEST_SAVING_SHARE = 0.05
@@ -113,18 +114,32 @@ def learn_from_store(
         raise NoObservationsError(
             "no observation is stored yet; add some before learning from them"
         )
-    search = _StoredSearch(store, observations, simulator, options, make_cost)
+    begun, previous = store.newest_version(), store.newest_parameters()
+    key = _key(observations, simulator, options)
+    saved = store.saved_search(key, begun)
+    # A time limit counts from the first start.
+    seconds = saved.get("seconds", 0.0)
     try:
-        result = search.run(on_progress=on_progress, cancelled=cancelled)
+        result = learn(
+            observations,
+            simulator,
+            replace(options, criteria=options.criteria.after(seconds)),
+            previous=previous,
+            on_progress=on_progress,
+            cancelled=cancelled,
+            resume=saved.get("state"),
+            on_checkpoint=_saving(store, key, begun, seconds),
+            make_cost=make_cost,
+        )
     except UnsupportedSceneError:
         check_environments(observations, simulator)
         raise
-    stop_if(cancelled)
-    ids = [observation.id for observation in observations]
-    stored = _stored(store, result.learned, search.version, ids)
-    if result.assessments is not None:
+    if cancelled is not None and cancelled():
+        raise LearningCancelledError
+    stored = _stored(store, result.learned, begun, [each.id for each in observations])
+    if result.assessments:
         store.apply_assessments(result.assessments)
-    search.delete()
+    store.delete_search(key)
     return replace(result, learned=stored)
 
 
@@ -135,22 +150,16 @@ def _stored(
     while True:
         newest = store.newest_version()
         for version in range(begun + 1, newest + 1):
-            if _was_given(store, version):
-                raise SupersededError(
-                    f"version {version} of the static parameters was given while this search ran, "
-                    f"which began from version {begun}; what it found was not stored: learn again, "
-                    "which takes account of what was given"
-                )
+            with suppress(UnknownNameError, UnreadableVersionError):
+                if not store.parameters(version).method:
+                    raise SupersededError(
+                        f"version {version} of the static parameters was given while this search "
+                        f"ran, which began from version {begun}; what it found was not stored: "
+                        "learn again, which takes account of what was given"
+                    )
         stored = store.add_improvement(learned, newest, learned_from)
         if stored is not None:
             return stored
-
-
-def _was_given(store: ObservationStore, version: int) -> bool:
-    try:
-        return not store.parameters(version).method
-    except (UnknownNameError, UnreadableVersionError):
-        return False
 
 
 def _observations(
@@ -171,73 +180,21 @@ def _observations(
     return [observation for _, observation in pairs], replace(options, trusted_ids=trusted)
 
 
-class _StoredSearch:
-    """A search over stored observations whose state is stored too, so that it can continue.
+def _saving(
+    store: ObservationStore, key: str, version: int, seconds: float
+) -> Callable[[Mapping[str, Any]], None]:
+    """Return what stores the states of a search, on which `seconds` were spent before."""
+    began = time.monotonic()
+    next_saving = 0.0
 
-    Attributes
-    ----------
-    version : of θ_s that it begins from
-    """
+    def save(state: Mapping[str, Any]) -> None:
+        nonlocal next_saving
+        now = time.monotonic()
+        if now >= next_saving:
+            store.save_search(key, version, {"state": state, "seconds": seconds + now - began})
+            next_saving = now + (time.monotonic() - now) / LARGEST_SAVING_SHARE
 
-    def __init__(
-        self,
-        store: ObservationStore,
-        observations: Sequence[Observation],
-        simulator: Simulator,
-        options: LearningOptions,
-        make_cost: MakeCost,
-    ) -> None:
-        self._store = store
-        self._observations = observations
-        self._simulator = simulator
-        self._options = options
-        self._make_cost = make_cost
-        self._key = _key(observations, simulator, options)
-        self.version = store.newest_version()
-        saved = store.checkpoint(self._key)
-        if saved is None or saved.version != self.version:
-            saved = SearchCheckpoint(self._key, self.version, store.newest_parameters(), {}, 0.0)
-        self._saved = saved
-        self._next_saving = 0.0
-
-    def run(
-        self,
-        *,
-        on_progress: Callable[[SearchProgress], None] | None = None,
-        cancelled: Callable[[], bool] | None = None,
-    ) -> LearningResult:
-        """Search until a criterion is met; a time limit counts from the first start.
-
-        Raises what `learn_from_store` raises.
-        """
-        began, before = time.monotonic(), self._saved.seconds
-        criteria = self._options.criteria
-        if criteria.time_limit is not None:
-            criteria = replace(criteria, time_limit=max(0.0, criteria.time_limit - before))
-
-        def on_checkpoint(state: Mapping[str, Any]) -> None:
-            now = time.monotonic()
-            if now >= self._next_saving:
-                seconds = before + now - began
-                self._store.save_checkpoint(replace(self._saved, state=state, seconds=seconds))
-                taken = time.monotonic() - now
-                self._next_saving = now + taken / LARGEST_SAVING_SHARE
-
-        return learn(
-            self._observations,
-            self._simulator,
-            replace(self._options, criteria=criteria),
-            previous=self._saved.start,
-            on_progress=on_progress,
-            cancelled=cancelled,
-            resume=self._saved.state or None,
-            on_checkpoint=on_checkpoint,
-            make_cost=self._make_cost,
-        )
-
-    def delete(self) -> None:
-        """Delete its state from the store."""
-        self._store.delete_checkpoint(self._key)
+    return save
 
 
 def _key(
@@ -249,11 +206,7 @@ def _key(
         "observations": [observation.id for observation in observations],
         "trusted": list(options.trusted_ids),
         "simulator": simulator.name,
-        "method": options.method,
-        "distance": options.distance,
-        "rule_settings": dict(options.rule_settings),
-        "seed": options.seed,
-        "bounds": {kind: asdict(bounds) for kind, bounds in options.bounds.items()},
+        **options.course,
         "criteria": asdict(options.criteria),
     }
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()

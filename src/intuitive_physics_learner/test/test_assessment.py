@@ -233,15 +233,15 @@ def test_disturbed_observation_is_cut_unless_trusted():
     observations = [observation_of(flight(), seed) for seed in range(6)]
     kick = np.maximum(TIMES - 1.0, 0.0)[:, None] * [2.0, 0.0, 1.0]
     observations[2] = observation_of(flight() + kick, 2)
-    result = assess_observations(observations)
-    statuses = [assessment.status for assessment in result.assessments]
+    clean, assessments = assess_observations(observations)
+    statuses = [assessment.status for assessment in assessments]
     assert statuses == ["used"] * 2 + ["doubtful"] + ["used"] * 3
-    assert 0.2 < result.clean[2].objects[0].trajectory.times[-1] <= 1.0
-    assert result.clean[:2] + result.clean[3:] == tuple(observations[:2] + observations[3:])
-    trusted = assess_observations(observations, [observations[2].id])
-    assert trusted.clean == tuple(observations)
-    assert all(assessment.status == "used" for assessment in trusted.assessments)
-    assert assess_observations([]).assessments == ()
+    assert 0.2 < clean[2].objects[0].trajectory.times[-1] <= 1.0
+    assert clean[:2] + clean[3:] == observations[:2] + observations[3:]
+    clean, assessments = assess_observations(observations, [observations[2].id])
+    assert clean == observations
+    assert all(assessment.status == "used" for assessment in assessments)
+    assert assess_observations([]) == ([], [])
 
 
 def moved(observation, change):
@@ -286,4 +286,4 @@ def test_learning_with_disturbed_observations_is_as_accurate(event_driven, throw
 
 def test_an_update_rule_assesses_none(event_driven, throws):
     options = LearningOptions(method="random")
-    assert learn(throws(2, 0), event_driven, options).assessments is None
+    assert learn(throws(2, 0), event_driven, options).assessments == ()

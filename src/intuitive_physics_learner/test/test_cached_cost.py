@@ -5,7 +5,7 @@ import numpy as np
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner import TrajectoryCost
-from intuitive_physics_learner.cost.cached_cost import CachedCost
+from intuitive_physics_learner.cost.wrapped_costs import CachedCost
 
 MATERIALS = ("ball", "cork", "stone", "floor")
 

@@ -19,7 +19,6 @@ from intuitive_physics_learner import LearningCancelledError, NoObservationsErro
 from intuitive_physics_learner.design import (
     AboutMotion,
     AboutParameters,
-    DesignSettings,
     ExpectedPosteriors,
     ThrownObject,
     ThrowOptions,
@@ -36,8 +35,8 @@ RADIUS = 0.05
 BALL = SceneObject("ball", "ball", Sphere(RADIUS))
 EVERYWHERE = np.array([[-100.0, 100.0]] * 3)
 E, MU = "restitution[ball, floor]", "dynamic_friction[ball, floor]"
-PERFECT = DesignSettings(execution_error=0.0, draws=1)
-"""Settings for throws that are made as meant, at one draw."""
+PERFECT = {"execution_error": 0.0, "draws": 1}
+"""For throws that are made as meant, at one draw."""
 
 
 def ranges(position, velocity, spin=(0.0, 0.0, 0.0)):
@@ -66,12 +65,12 @@ def viewing(noise=0.002, count=45, rate=30.0, region=EVERYWHERE):
     return ViewingConditions(np.arange(count) / rate, noise, region)
 
 
-def deviation_after(options, posterior, view, simulator, name=E, how=PERFECT):
+def deviation_after(options, posterior, view, simulator, name=E):
     """Standard deviation, in widths, of one parameter after the only throw."""
     rng = np.random.default_rng(0)
     (throw,) = options.draw(1, rng)
-    units = posterior.draw(how.draws, rng)
-    (part,) = expected_posteriors([throw], posterior, units, view, simulator, how, rng)
+    units = posterior.draw(1, rng)
+    (part,) = expected_posteriors([throw], posterior, units, view, simulator, 0.0, rng)
     direction = np.eye(posterior.mean.size)[[posterior.space.names.index(name)]]
     covariance = Gaussian.of(posterior, bounded=True).covariance
     return np.sqrt(part.reduction(covariance, direction).variances[0, 0])
@@ -161,7 +160,9 @@ def gains(question, event_driven, ways, posterior=None, **how):
             viewing(**how),
             event_driven,
             np.random.default_rng(1),
-            settings=DesignSettings(candidates=1, execution_error=0.0, draws=16),
+            candidates=1,
+            execution_error=0.0,
+            draws=16,
         )
         results.append(best[0].gain)
     return results
@@ -207,7 +208,7 @@ def test_a_parameter_that_is_known_to_its_resolution_is_no_more_of_interest(even
             viewing(),
             event_driven,
             np.random.default_rng(1),
-            settings=PERFECT,
+            **PERFECT,
         )
         return best.gain
 
@@ -262,7 +263,8 @@ def test_the_same_generator_gives_the_same_suggestions_best_first(event_driven):
             event_driven,
             np.random.default_rng(seed),
             count=5,
-            settings=DesignSettings(candidates=24, draws=3),
+            candidates=24,
+            draws=3,
         )
 
     first, other, third = once(0), once(0), once(1)

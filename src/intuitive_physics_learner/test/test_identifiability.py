@@ -20,6 +20,7 @@ from intuitive_physics_learner import (
     make_update_rule,
 )
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.cost.wrapped_costs import InterruptibleCost
 from intuitive_physics_learner.search.identifiability import identification_trials
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes, parameters_of_vector
 
@@ -127,8 +128,13 @@ def test_true_values_lie_within_the_stated_uncertainty(event_driven, throws, tru
 
 def test_can_be_cancelled(glide, glides):
     cost = TrajectoryCost([glides(np.random.default_rng(0), 0.5)], glide, MATERIALS)
+    asked = iter([False, True])
     with pytest.raises(LearningCancelledError, match="cancelled"):
-        identify(cost, SPACE, StaticParameters.uniform(MATERIALS), cancelled=lambda: True)
+        identify(
+            InterruptibleCost(cost, lambda: next(asked)),
+            SPACE,
+            StaticParameters.uniform(MATERIALS),
+        )
 
 
 @settings(max_examples=50)

@@ -45,8 +45,7 @@ def ids(entries):
 
 
 def revision(store):
-    with store.database.reading() as connection:
-        return connection.execute("SELECT revision FROM observation_set").fetchone()[0]
+    return store.database.rows("SELECT revision FROM observation_set")[0][0]
 
 
 def changed_after(store, revision):
@@ -313,7 +312,7 @@ def test_a_writer_of_idle_priority_does_not_stand_still_with_the_lock(store):
 
     def write():
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
-        with store._database.writing():
+        with store.database.writing():
             policies.append(os.sched_getscheduler(0))
         policies.append(os.sched_getscheduler(0))
 

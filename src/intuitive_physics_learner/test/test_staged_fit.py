@@ -14,7 +14,7 @@ from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.cost.partial_cost import PartialCost
+from intuitive_physics_learner.cost.wrapped_costs import PartialCost
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings, staged_fit
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit, separable

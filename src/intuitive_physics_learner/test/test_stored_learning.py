@@ -52,8 +52,7 @@ def options(iterations=600, **others):
 
 
 def saved_searches(store):
-    with store._database.reading() as connection:
-        return connection.execute("SELECT COUNT(*) FROM searches").fetchone()[0]
+    return store.database.rows("SELECT COUNT(*) FROM searches")[0][0]
 
 
 @pytest.mark.parametrize(("method", "kills"), [("cma_es", 3), ("hybrid_random", 1)])
@@ -191,9 +190,8 @@ def test_a_stored_search_is_plain_json(store, glide, glides, monkeypatch):
             on_progress=messages.append,
             cancelled=lambda: len(messages) > 2,
         )
-    with store._database.reading() as connection:
-        (text,) = connection.execute("SELECT json FROM searches").fetchone()
-    assert set(json.loads(text)) == {"start", "state", "seconds"}
+    ((text,),) = store.database.rows("SELECT json FROM searches")
+    assert set(json.loads(text)) == {"state", "seconds"}
 
 
 def given_meanwhile(store, throws, simulator, method):

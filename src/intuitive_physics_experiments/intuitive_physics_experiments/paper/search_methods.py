@@ -30,8 +30,8 @@ from intuitive_physics_experiments.results import (
     Row,
     markdown_table,
 )
-from intuitive_physics_learner.cost.cached_cost import CachedCost
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
+from intuitive_physics_learner.cost.wrapped_costs import CachedCost
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria, ParameterSearch
 from intuitive_physics_learner.search.update_rules import make_update_rule
 

@@ -20,7 +20,7 @@ observations is at fault.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,29 +69,20 @@ MIXTURE_STEPS = 100
 """Steps of expectation and maximisation, which contract by some tenths each."""
 
 
-@dataclass(frozen=True, eq=False)
-class AssessedObservations:
-    """Observations with what is thought of them.
-
-    Parameters
-    ----------
-    clean : the observations, those that are doubtful up to where they were disturbed
-    assessments : of each, in the same order
-    """
-
-    clean: tuple[Observation, ...]
-    assessments: tuple[Assessment, ...]
-
-
 def assess_observations(
     observations: Sequence[Observation], trusted: Collection[str] = ()
-) -> AssessedObservations:
+) -> tuple[list[Observation], list[Assessment]]:
     """Test laws of motion on each observation.
 
     Parameters
     ----------
     observations : with detections where they were smoothed
     trusted : ids of those that a user holds for good: they are assessed, but never doubtful
+
+    Returns
+    -------
+    clean : the observations, those that are doubtful up to where they were disturbed
+    assessments : of each, in the same order
     """
     tested = [detected(observation) for observation in observations]
     noises = track_noises(tested)
@@ -117,7 +108,7 @@ def assess_observations(
         reason = worst.what.at(worst.time - began)
         clean.append(clean_part(observation, first.clean_until))
         assessments.append(Assessment(observation.id, weight, reason, DOUBTFUL))
-    return AssessedObservations(tuple(clean), tuple(assessments))
+    return clean, assessments
 
 
 def reassessed(
@@ -125,7 +116,7 @@ def reassessed(
     misfits: NDArray[np.float64],
     times: NDArray[np.float64],
     trusted: Collection[str] = (),
-) -> tuple[Assessment, ...]:
+) -> list[Assessment]:
     """Assess also by what the undisturbed motions that a search found leave unexplained.
 
     The logarithms of the misfits are normal where observations are good, about their median and
@@ -137,7 +128,7 @@ def reassessed(
     """
     rest = np.flatnonzero([assessment.status == USED for assessment in assessments])
     if rest.size == 0:
-        return tuple(assessments)
+        return list(assessments)
     sizes = np.log(np.maximum(np.nan_to_num(misfits[rest], nan=NOISE_LOSS), NOISE_LOSS))
     middle, upper = np.quantile(sizes, [0.5, norm.cdf(1.0)])
     spread = max(float(upper - middle), SMALLEST_MISFIT_SPREAD)
@@ -152,7 +143,7 @@ def reassessed(
         else:
             reason = Reason.UNEXPLAINED.at(times[member])
             results[member] = Assessment(assessment.id, weight, reason, DOUBTFUL)
-    return tuple(results)
+    return results
 
 
 LEAST_NOTABLE = -10.0

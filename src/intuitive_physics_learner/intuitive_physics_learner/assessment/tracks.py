@@ -35,8 +35,8 @@ class Track:
     whitening : (n, 3, 3) 1/m, makes the error of each point standard normal
     gravity : (3,) m/s²
     support_gaps : (n,) m, from the object's bounding sphere to the nearest surface that carries
-    wall_gaps : (n,) m, to the nearest other surface of the environment
-    object_gaps : (n,) m, to the nearest other object; -infinite where one was not seen
+    side_gaps : (n,) m, to the nearest thing beside what carries; -infinite where an object was not
+        seen
     heights : (n,) m, of the centre above the nearest carrying surface; NaN where beside all of them
     resting_heights : (h,) m, at which the object can rest on a plane
     in_air : whether a force of the air acts on the object
@@ -47,21 +47,10 @@ class Track:
     whitening: NDArray[np.float64]
     gravity: NDArray[np.float64]
     support_gaps: NDArray[np.float64]
-    wall_gaps: NDArray[np.float64]
-    object_gaps: NDArray[np.float64]
+    side_gaps: NDArray[np.float64]
     heights: NDArray[np.float64]
     resting_heights: NDArray[np.float64]
     in_air: bool
-
-    @property
-    def side_gaps(self) -> NDArray[np.float64]:
-        """Gaps (n,), in m, to the nearest thing beside what carries."""
-        return np.minimum(self.wall_gaps, self.object_gaps)
-
-    @property
-    def up(self) -> NDArray[np.float64]:
-        """Direction (3,) against gravity; 0 without gravity."""
-        return _up(self.gravity)
 
     @cached_property
     def noise(self) -> NDArray[np.float64]:
@@ -83,19 +72,17 @@ def _track(observation: Observation, number: int, whitening: NDArray[np.float64]
     times, positions = observed.trajectory.times, observed.trajectory.positions
     radius = observed.object.shape.bounding_radius
     gravity = observation.environment.gravity
-    support, walls, heights = _environment_gaps(observation.environment, radius, positions)
-    others = np.full(len(times), np.inf)
+    support, sides, heights = _environment_gaps(observation.environment, radius, positions)
     for other in observation.objects[:number] + observation.objects[number + 1 :]:
         reach = radius + other.object.shape.bounding_radius
-        others = np.minimum(others, _distances(other, times, positions) - reach)
+        sides = np.minimum(sides, _distances(other, times, positions) - reach)
     return Track(
         times,
         positions,
         whitening,
         gravity,
         support,
-        walls,
-        others,
+        sides,
         heights,
         _resting_heights(observed.object.shape),
         observed.object.has_air_forces,
@@ -106,7 +93,8 @@ def _environment_gaps(
     environment: Environment, radius: float, positions: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return gaps (n,) to what carries and to what does not, and heights (n,), all in m."""
-    up = _up(environment.gravity)
+    gravity = environment.gravity
+    up = -gravity / max(float(np.linalg.norm(gravity)), np.finfo(float).tiny)
     body = Body(Sphere(radius), positions, np.array(NO_TURN))
     support, sides = np.full((2, len(positions)), np.inf)
     heights = np.full(len(positions), np.inf)
@@ -167,8 +155,3 @@ def _distances(
     )
     unseen = (times < track.times[0]) | (times > track.times[-1])
     return np.where(unseen, -np.inf, np.linalg.norm(positions - places, axis=1))
-
-
-def _up(gravity: NDArray[np.float64]) -> NDArray[np.float64]:
-    length = float(np.linalg.norm(gravity))
-    return -gravity / length if length > 0.0 else np.zeros(3)

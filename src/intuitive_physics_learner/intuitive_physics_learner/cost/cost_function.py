@@ -18,7 +18,6 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.trajectory import DISTANCES, LARGEST_DISTANCE, MEAN_DISTANCE
-from intuitive_physics_learner.cost.cancellation import stop_if
 from intuitive_physics_learner.cost.packed_observations import (
     PackedObservations,
     packed_in_groups,
@@ -216,7 +215,7 @@ class TrajectoryCost(Cost):
     def _simulated(self, trials: Trials) -> Iterator[_Simulated]:
         for g, group in enumerate(self._groups):
             members = np.flatnonzero(self._group[trials.observation_index] == g)
-            for part in _chunks(members, LARGEST_CHUNK // group.observed[0].size):
+            for part in chunks(members, LARGEST_CHUNK // group.observed[0].size):
                 some = trials.taken(part)
                 rows = self._row[some.observation_index]
                 yield _Simulated(part, group, rows, *group.simulate(self._simulator, some, rows))
@@ -249,39 +248,8 @@ class _Simulated:
         return taken
 
 
-class InterruptibleCost(Cost):
-    """Another cost, evaluated in small shares between which it can be cancelled.
-
-    Parameters
-    ----------
-    cost : what evaluates J
-    cancelled : polled before each share
-
-    Raises
-    ------
-    LearningCancelledError
-        From its methods, when `cancelled` returned True.
-    """
-
-    def __init__(self, cost: Cost, cancelled: Callable[[], bool]) -> None:
-        super().__init__(cost.observations, cost.materials)
-        self.threads = cost.threads
-        self._cost = cost
-        self._cancelled = cancelled
-
-    def trial_distances(self, trials: Trials) -> NDArray[np.float64]:
-        return np.concatenate([self._cost.trial_distances(t) for t in self._shares(trials)])
-
-    def trial_residuals(self, trials: Trials) -> NDArray[np.float64]:
-        return np.concatenate([self._cost.trial_residuals(t) for t in self._shares(trials)])
-
-    def _shares(self, trials: Trials) -> Iterator[Trials]:
-        for part in _chunks(np.arange(trials.size), self._cost.largest_share):
-            stop_if(self._cancelled)
-            yield trials.taken(part)
-
-
-def _chunks(indices: NDArray[np.int64], size: int) -> Iterator[NDArray[np.int64]]:
+def chunks(indices: NDArray[np.int64], size: int) -> Iterator[NDArray[np.int64]]:
+    """Yield parts of an array of indices (n,), of `size` each at most, or of one."""
     step = max(1, size)
     for first in range(0, indices.size, step):
         yield indices[first : first + step]

@@ -13,12 +13,24 @@ from numpy.typing import NDArray
 
 from intuitive_physics.materials import PAIR_COEFFICIENTS, material_pairs
 from intuitive_physics.observation import Observation
+from intuitive_physics.scene import Environment, SceneObject
 
 
 def parameter_influence(
     observations: Sequence[Observation], materials: Sequence[str]
 ) -> NDArray[np.bool_]:
-    """Whether each observation can depend on each parameter, shape (n_observations, |θ_s|).
+    """Whether each observation can depend on each parameter, shape (n_observations, |θ_s|)."""
+    worlds = [
+        (observation.environment, [observed.object for observed in observation.objects])
+        for observation in observations
+    ]
+    return influence_on_worlds(worlds, materials)
+
+
+def influence_on_worlds(
+    worlds: Sequence[tuple[Environment, Sequence[SceneObject]]], materials: Sequence[str]
+) -> NDArray[np.bool_]:
+    """Whether the motion in each world can depend on each parameter, shape (n_worlds, |θ_s|).
 
     A pair can matter where an object of one material is in a scene with an object or a static part
     of the other. A density can matter where an object is not alone: that of a lone object cancels
@@ -29,13 +41,12 @@ def parameter_influence(
     """
     place = {frozenset(pair): k for k, pair in enumerate(material_pairs(materials))}
     index = {name: i for i, name in enumerate(materials)}
-    pairs = np.zeros((len(observations), len(place)), dtype=bool)
-    densities = np.zeros((len(observations), len(materials)), dtype=bool)
-    for row, observation in enumerate(observations):
-        objects = [observed.object for observed in observation.objects]
+    pairs = np.zeros((len(worlds), len(place)), dtype=bool)
+    densities = np.zeros((len(worlds), len(materials)), dtype=bool)
+    for row, (environment, objects) in enumerate(worlds):
         for i, body in enumerate(objects):
-            near = [other.material for other in objects[:i] + objects[i + 1 :]]
-            for material in (*near, *observation.environment.materials):
+            near = [other.material for other in (*objects[:i], *objects[i + 1 :])]
+            for material in (*near, *environment.materials):
                 pairs[row, place[frozenset((body.material, material))]] = True
             densities[row, index[body.material]] |= bool(near) or body.has_air_forces
     return np.hstack([densities, np.repeat(pairs, len(PAIR_COEFFICIENTS), axis=1)])

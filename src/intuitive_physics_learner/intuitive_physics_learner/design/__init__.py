@@ -6,7 +6,6 @@ from intuitive_physics_learner.design.expected_information import (
     expected_posteriors,
 )
 from intuitive_physics_learner.design.questions import AboutMotion, AboutParameters, Question
-from intuitive_physics_learner.design.settings import DesignSettings
 from intuitive_physics_learner.design.stored_suggestion import SuggestionRequest, suggest_from_store
 from intuitive_physics_learner.design.suggestion import Suggestion, suggest
 from intuitive_physics_learner.design.throws import (
@@ -20,7 +19,6 @@ from intuitive_physics_learner.design.throws import (
 __all__ = [
     "AboutMotion",
     "AboutParameters",
-    "DesignSettings",
     "ExpectedPosteriors",
     "Question",
     "Reduction",

@@ -1,21 +1,12 @@
 """The information about θ_s that a throw is expected to give, before it is made.
 
 A throw is simulated as the observation it would become, at θ_s drawn from the present posterior and
-with the noise and rate of the camera. Near each draw its detections are linear in θ_s and in the
-initial state x, with slopes A_p and A_x, so that detections with noise σ give the information
-
-    Λ = A_pᵀ A_p / σ² - A_pᵀ A_x (A_xᵀ A_x + σ² P_x)⁻¹ A_xᵀ A_p / σ²
-
-on θ_s (P_x: precision of x before the throw), which adds to the information of the posterior.
-
-Here the same is computed detection by detection in the order of time, as a Kalman filter with the
-state (x, θ_s) does: before each one, the covariance says how well its position is predicted. As in
-the estimation (`fit_horizons`), a detection counts only if that is well enough and the slopes hold
-as far as the uncertainty reaches; from the first one on that does not, motion is chaotic to the
-estimator, and the rest of the track gives no information.
-
-Lindley (1956), *On a measure of the information provided by an experiment*; Chaloner and Verdinelli
-(1995), *Bayesian experimental design: a review*, on linearisation at draws from the posterior.
+with the noise and rate of the camera, and linearised there in θ_s and in its initial state, as
+`docs/method/next_throw.md` derives. Its detections are taken one by one in the order of time, as a
+Kalman filter does. As in the estimation (`fit_horizons`), a detection counts only if its position
+is predicted well enough and the slopes hold as far as the uncertainty reaches; from the first one
+on that does not, motion is chaotic to the estimator, and the rest of the track gives no
+information.
 """
 
 from __future__ import annotations
@@ -28,10 +19,9 @@ from numpy.typing import NDArray
 
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.simulation import Simulator
-from intuitive_physics_learner.cost.cancellation import stop_if
-from intuitive_physics_learner.cost.cost_function import Cost, TrajectoryCost
+from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.design.settings import DesignSettings
+from intuitive_physics_learner.cost.wrapped_costs import InterruptibleCost
 from intuitive_physics_learner.design.throws import Throw, ViewingConditions
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     LARGEST_BEND,
@@ -133,30 +123,35 @@ def expected_posteriors(
     units: NDArray[np.float64],
     viewing: ViewingConditions,
     simulator: Simulator,
-    settings: DesignSettings,
+    execution_error: float,
     rng: np.random.Generator,
     *,
     cancelled: Callable[[], bool] = lambda: False,
 ) -> Iterator[ExpectedPosteriors]:
     """Judge throws, those together that have equally many unknowns.
 
-    `units` (n_draws, n) draws of θ_s from it, points of the unit cube.
+    `units` (n_draws, n) draws of θ_s from the posterior, points of the unit cube; `execution_error`
+    standard deviation by which a throw misses what was meant, a part of the width of each range.
     """
     observations = [viewing.observation(throw.scene) for throw in throws]
-    cost = TrajectoryCost(observations, simulator, posterior.materials)
+    cost = InterruptibleCost(
+        TrajectoryCost(observations, simulator, posterior.materials), cancelled
+    )
     influence = parameter_influence(observations, posterior.materials)
     blocks = observation_blocks(observations, influence)
     groups = separate_groups(influence)
     space, covariance = posterior.space, Gaussian.of(posterior, bounded=True).covariance
-    misses = [_execution_errors(throws, block, len(units), settings, rng) for block in blocks]
+    misses = [
+        execution_error * _execution_errors(throws, block, len(units), rng) for block in blocks
+    ]
     steps = np.full(posterior.mean.size, 2.0 * PARAMETER_STEP)
     for block, missed in zip(blocks, misses, strict=True):
         prior = covariance[block.parameters[:, :, None], block.parameters[:, None, :]]
         expected = np.empty((len(units), *prior.shape))
         for k, unit in enumerate(units):
-            stop_if(cancelled)
             at = ParameterSteps(unit, steps, groups, space.to_parameters)
-            linear = _linearised(cost, block, missed[k], at)
+            deviations = np.full(block.prior_deviations.shape, 2.0 * STATE_STEP)
+            linear = linearise(cost, block, missed[k], deviations, at, block.durations)
             expected[k] = _filtered(linear, block, prior, at, viewing)
         yield ExpectedPosteriors(block.members, block.parameters, expected)
 
@@ -165,24 +160,16 @@ def _execution_errors(
     throws: Sequence[Throw],
     block: ObservationBlock,
     draws: int,
-    settings: DesignSettings,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """Errors (n_draws, W, d), in SI units, with which the throws of a block are made."""
+    """Errors (n_draws, W, d), in SI units, of throws of a block that miss by whole ranges."""
     widths = np.zeros((block.members.size, block.initial_states.observed.shape[1] * 12))
     for row, member in zip(widths, block.members, strict=True):
         spreads = throws[member].widths.ravel()
         row[: spreads.size] = spreads
     state_widths = np.take_along_axis(widths, block.initial_states.components, axis=1)
     normal = rng.standard_normal((draws, *state_widths.shape))
-    return np.asarray(settings.execution_error * state_widths * normal)
-
-
-def _linearised(
-    cost: Cost, block: ObservationBlock, estimate: NDArray[np.float64], at: ParameterSteps
-) -> Linearisation:
-    deviations = np.full(block.prior_deviations.shape, 2.0 * STATE_STEP)
-    return linearise(cost, block, estimate, deviations, at, block.durations)
+    return np.asarray(state_widths * normal)
 
 
 def _filtered(

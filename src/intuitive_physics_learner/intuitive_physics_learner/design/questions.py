@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
-from intuitive_physics.materials import StaticParameters, parameter_key, parameter_places
+from intuitive_physics.materials import StaticParameters, parameter_places
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.regions import Region
 from intuitive_physics.scene import Scene
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.simulation.world_batch import pack_worlds
 from intuitive_physics.validation import positive_float
-from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.cost.parameter_influence import influence_on_worlds
 from intuitive_physics_learner.design.expected_information import Reduction
-from intuitive_physics_learner.design.throws import ViewingConditions
+from intuitive_physics_learner.given_parameters import parameter_indices
 
 QUERY_DRAWS = 256
 """Draws of θ_s by which the dependence of a query's answer on θ_s is found; set by hand."""
@@ -91,15 +91,7 @@ class AboutParameters(Question):
 
     def indices(self, all_names: Sequence[str]) -> list[int]:
         """Return the index of each among the names of all parameters."""
-        places = {parameter_key(name): k for k, name in enumerate(all_names)}
-        indices = []
-        for name in self.names:
-            key = parameter_key(name.strip())
-            if key not in places:
-                raise UnknownNameError(
-                    f"parameter is {name!r}; expected one of {', '.join(all_names)}"
-                )
-            indices.append(places[key])
+        indices = parameter_indices(self.names, all_names)
         if not indices or len(set(indices)) != len(indices):
             raise InvalidInputError(
                 f"parameters asked for are {list(self.names)}; expected at least one, each once"
@@ -166,7 +158,8 @@ class AboutMotion(Question):
                 "the query's scene cannot be simulated with any draw of the static parameters; "
                 "expected another scene or time"
             )
-        matters = self._influence()
+        world = self.scene.environment, self.scene.objects
+        matters = influence_on_worlds([world], self.scene.materials)[0]
         off = units[good] - units[good].mean(axis=0)
         change = answers[good] - answers[good].mean(axis=0)
         change[:, np.ptp(answers[good], axis=0) < SMALLEST_CHANGE] = 0.0
@@ -176,12 +169,6 @@ class AboutMotion(Question):
         slopes = np.zeros((answers.shape[1], posterior.mean.size))
         slopes[:, new] = answer_slopes[:, old]
         return slopes
-
-    def _influence(self) -> NDArray[np.bool_]:
-        """Which parameters of its own materials, (n,), the scene can depend on."""
-        whole = ViewingConditions(np.array([0.0, self.time]), 1.0, np.zeros((3, 2)))
-        observation = whole.observation(self.scene)
-        return np.asarray(parameter_influence([observation], self.scene.materials)[0])
 
     def _answers(
         self, parameters: Sequence[StaticParameters], simulator: Simulator

@@ -10,13 +10,21 @@ from numpy.typing import NDArray
 
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.simulation import Simulator
-from intuitive_physics_learner.design.expected_information import (
-    expected_posteriors,
-)
+from intuitive_physics_learner.design.expected_information import expected_posteriors
 from intuitive_physics_learner.design.questions import Question
-from intuitive_physics_learner.design.settings import DesignSettings
 from intuitive_physics_learner.design.throws import Throw, ThrowOptions, ViewingConditions
 from intuitive_physics_learner.search.gaussian import Gaussian
+
+CANDIDATES = 96
+"""Throws spread over the ranges that are compared first; the best of 96 random ones is within the
+best 5 % with probability 0.99."""
+
+DRAWS = 8
+"""Draws of θ_s from the posterior that the expected information is averaged over; set by hand."""
+
+EXECUTION_ERROR = 0.05
+"""Standard deviation by which a throw misses what was suggested, a part of the width of each range:
+a suggestion must not depend on a perfect throw; set by hand."""
 
 REFINEMENTS = (0.15, 0.05)
 """Standard deviations, parts of the ranges' widths, by which throws that are compared next differ
@@ -58,7 +66,9 @@ def suggest(
     rng: np.random.Generator,
     *,
     count: int = 1,
-    settings: DesignSettings | None = None,
+    candidates: int = CANDIDATES,
+    draws: int = DRAWS,
+    execution_error: float = EXECUTION_ERROR,
     cancelled: Callable[[], bool] = lambda: False,
 ) -> list[Suggestion]:
     """Return the most informative throws, the best first.
@@ -84,7 +94,7 @@ def suggest(
     simulator : of throws and queries
     rng : of all randomness
     count : of throws to return at most
-    settings : how candidates are drawn and judged
+    candidates, draws, execution_error : as the constants that are their defaults
     cancelled : polled between batches of simulations
 
     Raises
@@ -94,17 +104,16 @@ def suggest(
     LearningCancelledError
         When `cancelled` returned True.
     """
-    how = settings or DesignSettings()
     directions = question.directions(posterior, simulator, rng)
     covariance = Gaussian.of(posterior, bounded=True).covariance
-    units = posterior.draw(how.draws, rng)
+    units = posterior.draw(draws, rng)
     names, scales = zip(*question.functions(posterior), strict=True)
 
     def judged(throws: list[Throw]) -> list[Suggestion]:
         """Judge throws, in their order."""
         suggestions: dict[int, Suggestion] = {}
         for part in expected_posteriors(
-            throws, posterior, units, viewing, simulator, how, rng, cancelled=cancelled
+            throws, posterior, units, viewing, simulator, execution_error, rng, cancelled=cancelled
         ):
             reduction = part.reduction(covariance, directions)
             gains = question.information(reduction)
@@ -114,7 +123,7 @@ def suggest(
                 suggestions[int(i)] = Suggestion(throws[i], float(gain), names, before, left)
         return [suggestions[i] for i in range(len(throws))]
 
-    families = _best(judged(options.draw(how.candidates, rng)), max(count, REFINED))
+    families = _best(judged(options.draw(candidates, rng)), max(count, REFINED))
     for spread in REFINEMENTS:
         near = [best.throw.nearby(NEIGHBOURS, spread, rng) for best in families]
         each = [k for k, throws in enumerate(near) for _ in throws]

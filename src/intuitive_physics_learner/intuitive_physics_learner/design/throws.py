@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation, ObservedObject
@@ -16,13 +16,16 @@ from intuitive_physics.state import ERROR_SIZE, ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics.validation import finite_array
 from intuitive_physics_learner.cost.packed_observations import times_after_start
-from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.cost.parameter_influence import influence_on_worlds
 from intuitive_physics_learner.errors import NoObservationsError
 from intuitive_physics_learner.joint_estimation.point_noise import position_noise
 from intuitive_physics_learner.search.identifiability import SMALLEST_NOISE
 
 ATTEMPTS = 50
 """Draws of all candidates at most until enough of them are valid."""
+
+COVARIANCE = (ERROR_SIZE, ERROR_SIZE)
+"""Shape of the covariance of an initial state."""
 
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
 """Orientation (x, y, z, w) of an object whose axes are those of the environment."""
@@ -41,19 +44,10 @@ class ThrowRanges:
 
     position: NDArray[np.float64]
     linear_velocity: NDArray[np.float64]
-    angular_velocity: NDArray[np.float64]
+    angular_velocity: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 2)))
 
-    def __init__(
-        self,
-        position: ArrayLike,
-        linear_velocity: ArrayLike,
-        angular_velocity: ArrayLike = ((0.0, 0.0),) * 3,
-    ) -> None:
-        for name, value in (
-            ("position", position),
-            ("linear_velocity", linear_velocity),
-            ("angular_velocity", angular_velocity),
-        ):
+    def __post_init__(self) -> None:
+        for name, value in list(vars(self).items()):
             words = f"range of the {name.replace('_', ' ')}"
             ends = finite_array(value, words, (3, 2))
             if (ends[:, 0] > ends[:, 1]).any():
@@ -98,29 +92,20 @@ class ThrownObject:
     ----------
     object : with material and shape
     ranges : of position and velocities
-    covariance : (12, 12) of its initial state as it will be observed, in the order of `ObjectState`
+    covariance : (12, 12) of its initial state as it will be observed, in the order of
+        `ObjectState`; 0 by default
     orientations : (n, 4) unit quaternions (x, y, z, w), from one of which it may begin
     """
 
     object: SceneObject
     ranges: ThrowRanges
-    covariance: NDArray[np.float64]
-    orientations: NDArray[np.float64]
+    covariance: NDArray[np.float64] = field(default_factory=lambda: np.zeros(COVARIANCE))
+    orientations: NDArray[np.float64] = field(default_factory=lambda: np.array([IDENTITY]))
 
-    def __init__(
-        self,
-        object: SceneObject,
-        ranges: ThrowRanges,
-        covariance: ArrayLike | None = None,
-        orientations: ArrayLike = (IDENTITY,),
-    ) -> None:
+    def __post_init__(self) -> None:
         set_field = super().__setattr__
-        set_field("object", object)
-        set_field("ranges", ranges)
-        shape = (ERROR_SIZE, ERROR_SIZE)
-        given = np.zeros(shape) if covariance is None else covariance
-        set_field("covariance", finite_array(given, "state covariance", shape))
-        set_field("orientations", finite_array(orientations, "orientations", (None, 4)))
+        set_field("covariance", finite_array(self.covariance, "state covariance", COVARIANCE))
+        set_field("orientations", finite_array(self.orientations, "orientations", (None, 4)))
 
     def state(self, place: NDArray[np.float64], orientation: NDArray[np.float64]) -> ObjectState:
         """Return the initial state at a place of the ranges.
@@ -244,12 +229,11 @@ class ThrowOptions:
                 word for track in each.objects for word in (track.object.id, track.object.material)
             }
             if only is None or only in words:
-                cast = [
-                    ThrownObject(track.object, like.ranges, like.covariance, like.orientations)
-                    for track in each.objects
-                    for like in [thrown[_kind(track)]]
-                ]
-                casts.append(tuple(cast))
+                casts.append(
+                    tuple(
+                        replace(thrown[_kind(track)], object=track.object) for track in each.objects
+                    )
+                )
         if not casts:
             materials = sorted(
                 {track.object.material for same in tracks.values() for track in same}
@@ -262,39 +246,30 @@ class ThrowOptions:
 
     def between(
         self,
-        position: ArrayLike | None,
-        linear_velocity: ArrayLike | None,
-        angular_velocity: ArrayLike | None,
+        position: NDArray[np.float64] | None,
+        linear_velocity: NDArray[np.float64] | None,
+        angular_velocity: NDArray[np.float64] | None,
     ) -> ThrowOptions:
         """Return the same with other ranges; None leaves those of each object as they are.
 
         `position` (3, 2) m; `linear_velocity` (3, 2) m/s; `angular_velocity` (3, 2) rad/s.
         """
+        asked = {
+            "position": position,
+            "linear_velocity": linear_velocity,
+            "angular_velocity": angular_velocity,
+        }
+        given = {name: ends for name, ends in asked.items() if ends is not None}
 
         def moved(thrown: ThrownObject) -> ThrownObject:
-            present = thrown.ranges
-            ranges = ThrowRanges(
-                present.position if position is None else position,
-                present.linear_velocity if linear_velocity is None else linear_velocity,
-                present.angular_velocity if angular_velocity is None else angular_velocity,
-            )
-            return ThrownObject(thrown.object, ranges, thrown.covariance, thrown.orientations)
+            return replace(thrown, ranges=replace(thrown.ranges, **given))
 
         return ThrowOptions(self.environment, tuple(tuple(map(moved, cast)) for cast in self.casts))
 
     def influential(self, materials: Sequence[str]) -> NDArray[np.bool_]:
         """Which parameters (n,) of these materials any throw can depend on, by their names."""
-        about = ViewingConditions(np.array([0.0, 1.0]), 1.0, np.zeros((3, 2)))
-        at_origin = [
-            Scene(
-                self.environment,
-                tuple(thrown.object for thrown in cast),
-                tuple(ObjectState(np.zeros(3)) for _ in cast),
-            )
-            for cast in self.casts
-        ]
-        observations = [about.observation(scene) for scene in at_origin]
-        return np.asarray(parameter_influence(observations, materials).any(axis=0))
+        worlds = [(self.environment, [thrown.object for thrown in cast]) for cast in self.casts]
+        return np.asarray(influence_on_worlds(worlds, materials).any(axis=0))
 
     def draw(self, count: int, rng: np.random.Generator) -> list[Throw]:
         """Draw valid throws, spread over the ranges; the casts take turns.
@@ -360,8 +335,6 @@ class Throw:
                 inside = np.clip(np.abs((moved + 1.0) % 2.0 - 1.0), 0.0, 1.0)
                 states.append(thrown.state(inside, state.orientation))
             candidates.append(Throw(self.environment, self.cast, tuple(states)))
-        if not candidates:
-            return []
         wrong = overlapping([throw.scene for throw in candidates])
         return [throw for throw, bad in zip(candidates, wrong, strict=True) if not bad]
 

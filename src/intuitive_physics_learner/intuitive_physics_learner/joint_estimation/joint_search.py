@@ -94,15 +94,15 @@ class JointSearch(Search):
         if most_iterations is not None and most_iterations < FEWEST_FOR_STARTS:
             self._staged.jointly.keep_first()
 
-    def step(self, limit: int, relative_gain: float = 0.0) -> int:
+    def step(self, limit: int) -> int:
         before = self.iterations
         if self.lowers_cost:
             if not self._descent.finished:
                 self._descent.step(limit)
-                self._count(self._descent.cost, relative_gain)
+                self._count(self._descent.cost)
         elif not self._staged.settled:
             self._staged.step()
-            self._evaluate(relative_gain)
+            self._evaluate()
             count = MISFIT_STEPS
             self._misfits = [*self._misfits, self.fit.misfits][-count:]
             enough = len(self._misfits) == count or self._staged.settled
@@ -117,7 +117,7 @@ class JointSearch(Search):
         before = self.fit.unit
         self._staged.choose()
         if (self.fit.unit != before).any():
-            self._evaluate(0.0)
+            self._evaluate()
 
     def keep_start(self, task: LearningTask) -> bool:
         if not self.lowers_cost:
@@ -129,15 +129,11 @@ class JointSearch(Search):
         return better
 
     def identifiability(
-        self,
-        task: LearningTask,
-        *,
-        cancelled: Callable[[], bool] | None = None,
-        seconds_left: Callable[[], float] = lambda: np.inf,
+        self, task: LearningTask, seconds_left: Callable[[], float] = lambda: np.inf
     ) -> Identifiability:
         """From the posterior of the fit; where J was lowered instead, by J."""
         if self.lowers_cost:
-            return super().identifiability(task, cancelled=cancelled, seconds_left=seconds_left)
+            return super().identifiability(task, seconds_left)
         return joint_identifiability(self._staged, task, seconds_left)
 
     def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
@@ -176,16 +172,16 @@ class JointSearch(Search):
         if state["descent"] is not None:
             self._descent.load_state(state["descent"])
 
-    def _evaluate(self, relative_gain: float) -> None:
+    def _evaluate(self) -> None:
         (cost,) = self._cost.costs([self.best_parameters]).tolist()
         self._evaluations += 1
         if cost < self._lowest_cost:
             self._lowest, self._lowest_cost = self.fit.unit, cost
-        self._count(cost, relative_gain)
+        self._count(cost)
 
-    def _count(self, cost: float, relative_gain: float) -> None:
+    def _count(self, cost: float) -> None:
         """Count simulations as evaluations of J, the last of which found `cost` m."""
         observations = len(self._cost.observations)
         simulations = self._staged.simulations + self._descent.simulations
         while (self.iterations - self._evaluations) * observations < simulations:
-            self._record(cost, relative_gain)
+            self._record(cost)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -14,22 +13,22 @@ from intuitive_physics_msgs.srv import GetStaticParameters, SetStaticParameters
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.parameter import Parameter as RosParameter
 
-from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.limits import InputLimits
 from intuitive_physics.settings import list_settings
 from intuitive_physics.simulation import make_simulator
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics_learner.cost.cluster import CostMaker
 from intuitive_physics_learner.design import suggest_from_store
-from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
+from intuitive_physics_learner.errors import StorageError
 from intuitive_physics_learner.given_parameters import given_parameters
 from intuitive_physics_learner.learning_job import Work
 from intuitive_physics_learner.learning_session import LearningOptions
-from intuitive_physics_learner.nodes.learning_services import CODES, RequestedSearches
+from intuitive_physics_learner.nodes.learning_services import RequestedSearches, answered_beside
 from intuitive_physics_learner.nodes.observation_services import (
-    ADD_PATIENCE,
     BUSY_TIMEOUT,
     ObservationServices,
+    written,
 )
 from intuitive_physics_learner.nodes.parameters import (
     ONLINE_PREFIX,
@@ -55,9 +54,8 @@ from intuitive_physics_ros.lifecycle.managed_node import ManagedNode
 from intuitive_physics_ros.lifecycle.run_node import farewell, run_node
 from intuitive_physics_ros.parameters import use_limits_of
 from intuitive_physics_ros.qos import LATCHED, create_publisher
-from intuitive_physics_ros.result_codes import error_result, ok_result
+from intuitive_physics_ros.result_codes import ok_result
 from intuitive_physics_ros.topics import STATIC_PARAMETERS
-from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 LIMITS = frozenset(setting.name for setting in list_settings(InputLimits))
 """Names of the parameters that limit what is received and stored."""
@@ -157,7 +155,7 @@ class LearnerNode(ManagedNode):
         self.create_service(
             SetStaticParameters,
             "~/set_static_parameters",
-            self._on_set_static_parameters,
+            answered_beside(self, self._database, self._store_given_parameters, self._on_given),
             callback_group=ReentrantCallbackGroup(),
         )
         for name, check in self._observations.checks.items():
@@ -183,41 +181,33 @@ class LearnerNode(ManagedNode):
             response.result = ok_result()
         return response
 
-    async def _on_set_static_parameters(
-        self, request: SetStaticParameters.Request, response: SetStaticParameters.Response
-    ) -> SetStaticParameters.Response:
-        try:
-            stored = await self._database.run(lambda _: self._store_given_parameters(request))
-            self._searches.cancel(
-                f"version {stored.version} of the static parameters was given while this search "
-                "ran; nothing was stored: learn again, which takes account of what was given"
-            )
-            self._take_over(stored)
-            self._background.notify()
-            response.version = stored.version
-            response.result = ok_result()
-        except Exception as error:
-            if not isinstance(error, IntuitivePhysicsError):
-                unexpected_errors(self).report(error, "a request")
-            response.result = error_result(error, CODES)
-        return response
+    def _on_given(self, stored: LearnedParameters) -> None:
+        self._searches.cancel(
+            f"version {stored.version} of the static parameters was given while this search ran; "
+            "nothing was stored: learn again, which takes account of what was given"
+        )
+        self._take_over(stored)
+        self._background.notify()
 
-    def _store_given_parameters(self, request: SetStaticParameters.Request) -> LearnedParameters:
+    def _store_given_parameters(
+        self,
+        request: SetStaticParameters.Request,
+        response: SetStaticParameters.Response,
+        stop: StopFlag,
+    ) -> LearnedParameters:
         """Store what a request gives on top of the newest θ_s, whoever stored that."""
         values = static_parameters_from_message(request.static_parameters)
         mode, bounds, store = mode_of(request), bounds_of(request.bounds), self._local_store
-        deadline = time.monotonic() + ADD_PATIENCE
-        while True:
+
+        def on_top_of_newest() -> LearnedParameters | None:
             version, newest = store.newest_version(), store.newest_parameters()
             given = given_parameters(values, mode, request.names, newest=newest, bounds=bounds)
-            try:
-                stored = store.add_improvement(given, on=version)
-            except DatabaseBusyError:
-                if time.monotonic() > deadline:
-                    raise
-                continue
-            if stored is not None:
-                return stored
+            return store.add_improvement(given, on=version)
+
+        while (stored := written(on_top_of_newest, stop)) is None:
+            stop.check()
+        response.version = stored.version
+        return stored
 
     def _on_parameters_set(self, parameters: Sequence[RosParameter]) -> None:
         names = {parameter.name for parameter in parameters}

@@ -7,6 +7,7 @@ import threading
 import time
 from array import array
 from collections.abc import Callable
+from typing import Any
 
 from intuitive_physics_msgs.action import LearnParameters
 from intuitive_physics_msgs.msg import ResultCode
@@ -31,11 +32,11 @@ from intuitive_physics_learner.errors import (
     SupersededError,
     UnknownMethodError,
 )
-from intuitive_physics_learner.learning_job import JobProgress, LearningJob, Work
+from intuitive_physics_learner.learning_job import LearningJob, Work
 from intuitive_physics_learner.learning_session import LearningOptions, LearningResult
 from intuitive_physics_learner.nodes.parameters import learning_options
 from intuitive_physics_learner.search.convergence import SearchProgress
-from intuitive_physics_ros.background import WorkerSignal
+from intuitive_physics_ros.background import Background, WorkerSignal
 from intuitive_physics_ros.lifecycle.kernel_loading import COMPILING
 from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_result
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
@@ -51,6 +52,37 @@ CODES: dict[type[BaseException], int] = {
     SupersededError: ResultCode.CANCELLED,
 }
 """Result code of each error of this package; others are those of `intuitive_physics_ros`."""
+
+
+def refusal(node: Node, error: Exception, doing: str = "a request") -> ResultCode:
+    """Return the result of a request that raised; what is no error of the suite is reported."""
+    if not isinstance(error, IntuitivePhysicsError):
+        unexpected_errors(node).report(error, doing)
+    return error_result(error, CODES)
+
+
+def answered_beside(
+    node: Node,
+    background: Background,
+    answer: Callable[[Any, Any, StopFlag], Any],
+    then: Callable[[Any], object],
+) -> Callable[[Any, Any], Any]:
+    """Return a service's callback that fills the response in a thread.
+
+    `answer(request, response, stop)` does so, and ends early once its flag is set; `then` gets what
+    it returns, in the node's executor.
+    """
+
+    async def on_request(request: Any, response: Any) -> Any:
+        try:
+            then(await background.run(lambda stop: answer(request, response, stop)))
+            response.result = ok_result()
+        except Exception as error:
+            response.result = refusal(node, error)
+        return response
+
+    return on_request
+
 
 DEADLINE = "search_deadline"
 """Name of the node's parameter."""
@@ -123,7 +155,7 @@ class RequestedSearches:
             await self._watched(job)
             self._fill(response, job)
         except Exception as error:
-            response.result = self._refusal(error)
+            response.result = refusal(self._node, error, "learning")
         return response
 
     async def _on_learn_parameters(self, goal: ServerGoalHandle) -> LearnParameters.Result:
@@ -134,7 +166,7 @@ class RequestedSearches:
             answer.cost_history = await self._watched(job, goal, options)
             self._fill(answer, job)
         except Exception as error:
-            answer.result = self._refusal(error)
+            answer.result = refusal(self._node, error, "learning")
             goal.canceled() if goal.is_cancel_requested else goal.abort()
         else:
             goal.succeed()
@@ -190,37 +222,32 @@ class RequestedSearches:
 
         A job that was cancelled and has not ended by then is left to end by itself.
         """
-        deadline = self._deadline(job)
-        try:
-            return await self._watched_to_its_end(job, goal, options)
-        finally:
-            deadline.cancel()
-
-    async def _watched_to_its_end(
-        self, job: LearningJob, goal: ServerGoalHandle | None, options: LearningOptions | None
-    ) -> array[float]:
         history = array("d")
         waits_until = math.inf
-        while True:
-            change = self._changed.next()
-            done = job.done
-            progress = job.drain_progress()
-            history.extend(progress.new_costs)
-            if goal is not None and options is not None and progress.new_costs:
-                self._publish_feedback(goal, _feedback(progress, options))
-            if goal is not None and goal.is_cancel_requested:
-                job.cancel()
-            if done:
-                self._on_end(job.learned())
-                return history
-            if job.cancelled and math.isinf(waits_until):
-                waits_until = time.monotonic() + CANCEL_PATIENCE
-                _timer(CANCEL_PATIENCE, self._changed.set)
-            executor = self._node.executor
-            if time.monotonic() >= waits_until and executor is not None:
-                executor.create_task(self._ended_late(job))
-                raise job.cancellation
-            await change
+        deadline = self._deadline(job)
+        try:
+            while True:
+                change = self._changed.next()
+                done = job.done
+                progress = job.drain_progress()
+                history.extend(progress.new_costs)
+                if goal is not None and options is not None and progress.new_costs:
+                    self._publish_feedback(goal, progress, options)
+                if goal is not None and goal.is_cancel_requested:
+                    job.cancel()
+                if done:
+                    self._on_end(job.learned())
+                    return history
+                if job.cancelled and math.isinf(waits_until):
+                    waits_until = time.monotonic() + CANCEL_PATIENCE
+                    _timer(CANCEL_PATIENCE, self._changed.set)
+                executor = self._node.executor
+                if time.monotonic() >= waits_until and executor is not None:
+                    executor.create_task(self._ended_late(job))
+                    raise job.cancellation
+                await change
+        finally:
+            deadline.cancel()
 
     async def _ended_late(self, job: LearningJob) -> None:
         await self._end_of(job)
@@ -238,7 +265,16 @@ class RequestedSearches:
 
         return _timer(seconds, cancel)
 
-    def _publish_feedback(self, goal: ServerGoalHandle, feedback: LearnParameters.Feedback) -> None:
+    def _publish_feedback(
+        self, goal: ServerGoalHandle, progress: SearchProgress, options: LearningOptions
+    ) -> None:
+        feedback = LearnParameters.Feedback(
+            iteration=progress.iteration,
+            max_iterations=options.criteria.max_iterations,
+            best_cost=progress.best_cost,
+            cost_history=array("d", progress.new_costs),
+            time_left=progress.seconds_left,
+        )
         try:
             goal.publish_feedback(feedback)
         except Exception as error:
@@ -251,11 +287,6 @@ class RequestedSearches:
         answer.static_parameters = self._to_message(job.result().learned)
         answer.result = ok_result()
 
-    def _refusal(self, error: Exception) -> ResultCode:
-        if not isinstance(error, IntuitivePhysicsError):
-            unexpected_errors(self._node).report(error, "learning")
-        return error_result(error, CODES)
-
 
 def _timer(seconds: float, action: Callable[[], None]) -> threading.Timer:
     """Call something after so long, from another thread that keeps no process alive."""
@@ -263,13 +294,3 @@ def _timer(seconds: float, action: Callable[[], None]) -> threading.Timer:
     timer.daemon = True
     timer.start()
     return timer
-
-
-def _feedback(progress: JobProgress, options: LearningOptions) -> LearnParameters.Feedback:
-    return LearnParameters.Feedback(
-        iteration=progress.iteration,
-        max_iterations=options.criteria.max_iterations,
-        best_cost=progress.best_cost,
-        cost_history=array("d", progress.new_costs),
-        time_left=progress.seconds_left,
-    )

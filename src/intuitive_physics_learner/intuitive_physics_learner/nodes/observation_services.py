@@ -10,7 +10,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from intuitive_physics_msgs.msg import Observation as ObservationMessage
 from intuitive_physics_msgs.msg import ObservationEntry as EntryMessage
@@ -28,7 +28,7 @@ from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.observation import Observation
 from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics_learner.errors import DatabaseBusyError, DatabaseFullError, StorageError
-from intuitive_physics_learner.nodes.learning_services import CODES
+from intuitive_physics_learner.nodes.learning_services import answered_beside
 from intuitive_physics_learner.store import ObservationEntry, ObservationStore
 from intuitive_physics_learner.store.observation_entries import EXCLUDED, UNREADABLE, USED
 from intuitive_physics_learner.store.room import Room
@@ -38,7 +38,6 @@ from intuitive_physics_ros.diagnostics import Level, Status
 from intuitive_physics_ros.monitors import InputMonitor
 from intuitive_physics_ros.qos import OBSERVATIONS as OBSERVATIONS_QOS
 from intuitive_physics_ros.qos import create_subscription
-from intuitive_physics_ros.result_codes import error_result, ok_result
 from intuitive_physics_ros.silence import SAME_NAMESPACE, Silence
 from intuitive_physics_ros.topics import OBSERVATIONS
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
@@ -50,7 +49,7 @@ RETRY_PERIOD = 0.5
 """s between two attempts to store an observation."""
 
 ADD_PATIENCE = 5.0
-"""s for which `~/add_observation` tries again while another process writes."""
+"""s for which a request to write tries again while another process writes."""
 
 LARGEST_QUEUE = 1000
 """Observations that wait in memory at most, 10 to 50 MB: a quarter of an hour at one a second."""
@@ -170,7 +169,10 @@ class ObservationQueue:
 
 
 class ObservationServices:
-    """Offers `~/observation` and the services on stored observations, none of which blocks."""
+    """Offers `~/observation` and the services on stored observations, none of which blocks.
+
+    `on_changed` is called in the node's executor where the set of observations may have changed.
+    """
 
     def __init__(
         self,
@@ -181,7 +183,6 @@ class ObservationServices:
         export_folder: Path,
     ) -> None:
         self._node = node
-        self._on_changed = on_changed
         self._export_folder = export_folder
         self._store = store
         self._background = background
@@ -210,9 +211,10 @@ class ObservationServices:
             (DeleteObservations, "delete_observations", self._delete),
             (ExportObservations, "export_observations", self._export),
         ):
-            node.create_service(
-                kind, f"~/{name}", self._in_background(answer), callback_group=together
+            callback = answered_beside(
+                node, background, answer, lambda changed: changed and on_changed()
             )
+            node.create_service(kind, f"~/{name}", callback, callback_group=together)
 
     @property
     def checks(self) -> dict[str, Callable[[], Status]]:
@@ -244,43 +246,13 @@ class ObservationServices:
         else:
             self._input.accepted()
 
-    def _in_background(
-        self, answer: Callable[[Any, Any, StopFlag], bool]
-    ) -> Callable[[Any, Any], Any]:
-        """Return a service's callback that fills the response in a thread.
-
-        `answer(request, response, stop)` returns whether the set of observations may have changed,
-        and ends early once its flag is set.
-        """
-
-        async def on_request(request: Any, response: Any) -> Any:
-            try:
-                changed = await self._background.run(lambda stop: answer(request, response, stop))
-                response.result = ok_result()
-                if changed:
-                    self._on_changed()
-            except Exception as error:
-                if not isinstance(error, IntuitivePhysicsError):
-                    unexpected_errors(self._node).report(error, "a request")
-                response.result = error_result(error, CODES)
-            return response
-
-        return on_request
-
     def _add(
         self, request: AddObservation.Request, response: AddObservation.Response, stop: StopFlag
     ) -> bool:
         observation = observation_from_message(request.observation)
-        deadline = time.monotonic() + ADD_PATIENCE
-        while True:
-            try:
-                response.added = self._store.add(observation)
-                response.observation_count = self._store.count()
-            except DatabaseBusyError:
-                if time.monotonic() > deadline or stop.is_set():
-                    raise
-            else:
-                return bool(response.added)
+        response.added = written(lambda: self._store.add(observation), stop)
+        response.observation_count = self._store.count()
+        return bool(response.added)
 
     def _list(
         self, request: ListObservations.Request, response: ListObservations.Response, stop: StopFlag
@@ -374,6 +346,20 @@ class ObservationServices:
             self._node.get_logger().warning(message)
         self._unreadable = unreadable
         return Status(Level.WARN if unreadable else Level.OK, message, counts)
+
+
+Result = TypeVar("Result")
+
+
+def written(write: Callable[[], Result], stop: StopFlag) -> Result:
+    """Write to a database, and try again for `ADD_PATIENCE` while another process writes."""
+    deadline = time.monotonic() + ADD_PATIENCE
+    while True:
+        try:
+            return write()
+        except DatabaseBusyError:
+            if time.monotonic() > deadline or stop.is_set():
+                raise
 
 
 def entry_to_message(entry: ObservationEntry) -> EntryMessage:

@@ -12,18 +12,17 @@ from numpy.typing import NDArray
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
-from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics_learner.design import AboutMotion, Suggestion, SuggestionRequest
-from intuitive_physics_learner.nodes.learning_services import CODES
+from intuitive_physics_learner.nodes.learning_services import refusal
 from intuitive_physics_ros.background import Background
 from intuitive_physics_ros.conversions import (
     object_state_to_message,
     region_from_message,
     scene_from_messages,
 )
-from intuitive_physics_ros.result_codes import error_result, ok_result
-from intuitive_physics_ros.unexpected_errors import unexpected_errors
+from intuitive_physics_ros.result_codes import ok_result
 
 TIME_LIMIT = "suggestion_time_limit"
 """Name of the node's parameter."""
@@ -74,9 +73,7 @@ class SuggestionService:
             response.computation_time = time.monotonic() - began
             response.result = ok_result()
         except Exception as error:
-            if not isinstance(error, IntuitivePhysicsError):
-                unexpected_errors(self._node).report(error, "a suggestion")
-            response.result = error_result(error, CODES)
+            response.result = refusal(self._node, error, "a suggestion")
         finally:
             self._busy = False
         return response

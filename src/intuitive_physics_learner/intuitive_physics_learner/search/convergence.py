@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -30,10 +30,9 @@ class ConvergenceCriteria:
     Parameters
     ----------
     max_iterations : evaluations of J
-    max_iterations_without_gain : evaluations of J since it last fell by `relative_gain`
+    max_iterations_without_gain : evaluations of J since it last fell by 0.01 %
     cost_threshold : m; J below this is good enough
     time_limit : s of wall time; `learn` leaves part of it for the identifiability of the result
-    relative_gain : part of J by which it must fall to count as a gain
 
     Raises
     ------
@@ -45,7 +44,6 @@ class ConvergenceCriteria:
     max_iterations_without_gain: int | None = None
     cost_threshold: float | None = None
     time_limit: float | None = None
-    relative_gain: float = 1e-4
 
     def __post_init__(self) -> None:
         for name in ("max_iterations", "max_iterations_without_gain"):
@@ -56,16 +54,18 @@ class ConvergenceCriteria:
             number = getattr(self, name)
             if number is not None and not number >= 0.0:
                 raise InvalidInputError(f"{name} is {number}; expected a number ≥ 0")
-        if not 0.0 <= self.relative_gain < 1.0:
-            raise InvalidInputError(
-                f"relative gain is {self.relative_gain}; expected at least 0 and below 1"
-            )
         limits = (self.max_iterations, self.max_iterations_without_gain, self.time_limit)
         if all(limit is None for limit in limits):
             raise InvalidInputError(
                 "nothing bounds the search; expected max_iterations, "
                 "max_iterations_without_gain or time_limit"
             )
+
+    def after(self, seconds: float) -> ConvergenceCriteria:
+        """Return the same with what is left of the time limit after some s."""
+        if self.time_limit is None:
+            return self
+        return replace(self, time_limit=max(0.0, self.time_limit - seconds))
 
 
 @dataclass(frozen=True)

@@ -1,32 +1,13 @@
-"""Which parameters the observations determine, and how well.
+"""Which parameters the observations determine, and how well, asked of J at the optimum of a search.
 
-Three questions are asked of every parameter at the optimum θ_s of a search:
-
-1. Does J respond? Each parameter is moved over its bounds, all others fixed. Where J never rises by
-   more than twice its own standard error, the observations do not determine the parameter: the
-   density of a lone sphere, a pair that never touches, a friction that never acted.
-2. How large is the curvature at the optimum? Near it the residuals r (simulated minus observed
-   positions) are linear in θ_s. With their Jacobian A over the unit interval of each parameter,
-   their variance σ² and the knowledge that a parameter lies within its bounds (a variance of 1/12),
-   the covariance of θ_s is
-
-       Σ = (Aᵀ A / (σ² τ) + 12 I)⁻¹.
-
-   The residuals of one trajectory are alike from one point to the next (an error of the initial
-   state moves them all), so they count as n / τ independent ones, τ being their integrated
-   autocorrelation time. A parameter whose standard deviation is not below half of that of its
-   bounds alone was not learned from the data either.
-3. How far can it be moved without a significant rise of J (`one_sided_intervals`)? The deviation of
-   a parameter that can be moved by L both ways is at least L / √3. One that can be moved farther to
-   one side than to the other, such as a friction that only has to be large enough, has an interval
-   besides.
-
-All take a handful of simulations for each parameter of each observation that can depend on it.
+Does J respond to a parameter at all? How large is the curvature at the optimum? How far can the
+parameter be moved without a significant rise of J (`one_sided_intervals`)? "What is identified" in
+`docs/method/learning.md` has the equations. All three take a handful of simulations for each
+parameter of each observation that can depend on it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,11 +16,10 @@ from numpy.typing import NDArray
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRECISION
 from intuitive_physics.parameter_space import ParameterSpace
-from intuitive_physics_learner.cost.cached_cost import CachedCost
-from intuitive_physics_learner.cost.cancellation import batches, stop_if
 from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE, Cost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.trials import Trials
+from intuitive_physics_learner.cost.wrapped_costs import CachedCost
 from intuitive_physics_learner.search.one_sided_intervals import (
     MOVE_ROUNDS,
     SMALLEST_RESPONSE,
@@ -130,7 +110,6 @@ def identify(
     space: ParameterSpace,
     parameters: StaticParameters,
     active: NDArray[np.bool_] | None = None,
-    cancelled: Callable[[], bool] | None = None,
 ) -> Identifiability:
     """Find out which parameters the observations determine, around an optimum.
 
@@ -141,34 +120,26 @@ def identify(
     parameters : θ_s that the search found
     active : (|θ_s|,) bool, which parameters to ask about; the others are taken to have no influence
         (`active_parameters`); None asks about all
-    cancelled : polled between batches
-
-    Raises
-    ------
-    LearningCancelledError
-        When `cancelled` returned True.
     """
     axes = ParameterAxes(space, parameters)
     influence = parameter_influence(cost.observations, cost.materials)
     residuals = cost.residuals([parameters])[0]
     noise = _Noise(residuals, cost.point_trajectory)
     asked = np.arange(axes.size) if active is None else np.flatnonzero(active)
-    levels = SCAN_LEVELS
-    changes = np.zeros((axes.size, len(levels)))
+    changes = np.zeros((axes.size, len(SCAN_LEVELS)))
     # Most parameters are of few observations, and only these are simulated again.
     saving = CachedCost(cost)
-    changes[asked] = _cost_changes(saving, axes, asked, parameters, levels, cancelled)
+    changes[asked] = _cost_changes(saving, axes, asked, parameters)
     threshold = max(SMALLEST_RESPONSE, RESPONSE_THRESHOLD * noise.cost_standard_error)
     rising = np.flatnonzero(changes.max(axis=1) > threshold)
     deviations = np.full(axes.size, np.inf)
     information = np.zeros((0, 0))
     if rising.size:
-        step, columns = JACOBIAN_STEP, influence[:, rising]
-        squares = _squares_of_slopes(cost, axes, rising, columns, step, cancelled)
+        squares = _squares_of_slopes(cost, axes, rising, influence[:, rising])
         information = squares / noise.effective_variance(rising.size)
         covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(rising.size))
         deviations[rising] = np.sqrt(np.diag(covariance))
-    moved = acceptable_moves(saving, axes, parameters, influence, deviations, cancelled)
+    moved = acceptable_moves(saving, axes, parameters, influence, deviations)
     deviations = np.maximum(deviations, moved.min(axis=1) / UNIFORM)
     along_axes = np.zeros((axes.size, axes.size))
     along_axes[np.ix_(rising, rising)] = widened_information(
@@ -258,21 +229,16 @@ def _cost_changes(
     axes: ParameterAxes,
     chosen: NDArray[np.int64],
     parameters: StaticParameters,
-    levels: Sequence[float],
-    cancelled: Callable[[], bool] | None,
 ) -> NDArray[np.float64]:
     """Change (n_chosen, n_levels) of J in m at each scan level."""
     at_optimum = cost.distances([parameters])[0]
     lower, upper = axes.lower[chosen, None], axes.upper[chosen, None]
-    places = lower + np.array(levels) * (upper - lower)
+    places = lower + np.array(SCAN_LEVELS) * (upper - lower)
     moves = [axes.moved(axis, z) for axis, row in zip(chosen, places, strict=True) for z in row]
-    changes = []
-    for batch in batches(moves, cancelled):
-        distances = cost.distances(batch)
-        # A world that the engine cannot finish says nothing about identifiability.
-        distances = np.where(distances < FAILED_DISTANCE, distances, at_optimum)
-        changes.append((distances - at_optimum).mean(axis=1))
-    return np.concatenate(changes).reshape(places.shape)
+    distances = cost.distances(moves)
+    # A world that the engine cannot finish says nothing about identifiability.
+    distances = np.where(distances < FAILED_DISTANCE, distances, at_optimum)
+    return np.asarray((distances - at_optimum).mean(axis=1).reshape(places.shape))
 
 
 def _squares_of_slopes(
@@ -280,21 +246,21 @@ def _squares_of_slopes(
     axes: ParameterAxes,
     chosen: NDArray[np.int64],
     influence: NDArray[np.bool_],
-    step: float,
-    cancelled: Callable[[], bool] | None,
 ) -> NDArray[np.float64]:
     """Aᵀ A (n_chosen, n_chosen) in m², A being the slopes of all residuals along the chosen axes.
 
-    `influence` (n_observations, n_chosen) bool; `step`: width of the differences to each side.
+    `influence` (n_observations, n_chosen) bool.
     """
-    below = np.maximum(axes.origin - step, axes.lower)[chosen]
-    above = np.minimum(axes.origin + step, axes.upper)[chosen]
+    below = np.maximum(axes.origin - JACOBIAN_STEP, axes.lower)[chosen]
+    above = np.minimum(axes.origin + JACOBIAN_STEP, axes.upper)[chosen]
     width = above - below
-    moves = [axes.moved(axis, z) for axis, z in zip(chosen, below, strict=True)]
-    moves += [axes.moved(axis, z) for axis, z in zip(chosen, above, strict=True)]
+    moves = [
+        axes.moved(axis, z)
+        for places in (below, above)
+        for axis, z in zip(chosen, places, strict=True)
+    ]
     squares = np.zeros((chosen.size, chosen.size))
     for observation, row in enumerate(influence):
-        stop_if(cancelled)
         columns = np.flatnonzero(row & (width > 0.0))
         if columns.size == 0:
             continue

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.cost.cost_function import Cost
-from intuitive_physics_learner.cost.partial_cost import PartialCost
+from intuitive_physics_learner.cost.wrapped_costs import PartialCost
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.search_space import ActiveSpace, PartialSpace, SearchSpace
 

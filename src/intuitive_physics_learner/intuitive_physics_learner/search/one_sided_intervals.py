@@ -9,13 +9,10 @@ changes.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
-from intuitive_physics_learner.cost.cancellation import batches
 from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE, Cost
 from intuitive_physics_learner.search.parameter_axes import ParameterAxes
 
@@ -47,7 +44,6 @@ def acceptable_moves(
     parameters: StaticParameters,
     influence: NDArray[np.bool_],
     deviations: NDArray[np.float64],
-    cancelled: Callable[[], bool] | None,
 ) -> NDArray[np.float64]:
     """Return how far each parameter can be moved down and up, (|θ_s|, 2) in widths of its axis.
 
@@ -68,8 +64,7 @@ def acceptable_moves(
         if chosen.size == 0:
             break
         moved = [axes.dragged(int(axis), z) for axis, z in zip(chosen, places, strict=True)]
-        costs = [cost.observation_costs(batch) for batch in batches(moved, cancelled)]
-        rises = np.concatenate(costs) - at_optimum
+        rises = cost.observation_costs(moved) - at_optimum
         accepted = np.array(
             [
                 is_acceptable(rise[influence[:, k]], at_optimum[influence[:, k]])

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics_learner.cost.cancellation import LARGEST_BATCH
 from intuitive_physics_learner.search.convergence import (
     ConvergenceCriteria,
     SearchProgress,
@@ -32,8 +31,14 @@ from intuitive_physics_learner.search.update_rules import UpdateRule
 CostFunction = Callable[[Sequence[StaticParameters]], NDArray[np.float64]]
 """J of several candidates, shape (n_candidates,), in m."""
 
+LARGEST_BATCH = 50
+"""Candidates evaluated at once at most; between batches a search can be stopped."""
+
 CHECKPOINT_PERIOD = 1.0
 """s between two states that a search hands out while it runs."""
+
+RELATIVE_GAIN = 1e-4
+"""Part of J by which it must fall to count as a gain; set by hand."""
 
 
 class Search(ABC):
@@ -68,24 +73,24 @@ class Search(ABC):
         Returns whether the start is better than what was found.
         """
 
-    @abstractmethod
     def plan(self, most_iterations: int | None) -> None:
         """Prepare for at most `most_iterations` evaluations of J, before the first; None: any
         number."""
+        return
 
-    @abstractmethod
     def conclude(self) -> None:
         """Choose the result at the end of `run`, where there is a choice left to make."""
+        return
 
     def initial_spins(self) -> InitialSpins:
         """Return how balls were thrown in the observations; what is not known is left out."""
         return InitialSpins()
 
     @abstractmethod
-    def step(self, limit: int, relative_gain: float = 0.0) -> int:
+    def step(self, limit: int) -> int:
         """Do a piece of work of up to `limit` evaluations of J; return how many there were.
 
-        A gain counts from the part `relative_gain` of J on. None were left to do when it returns 0.
+        None were left to do when it returns 0.
         """
 
     def run(
@@ -118,7 +123,7 @@ class Search(ABC):
             limit = LARGEST_BATCH
             if criteria.max_iterations is not None:
                 limit = max(1, min(limit, criteria.max_iterations - before))
-            evaluated = self.step(limit, criteria.relative_gain)
+            evaluated = self.step(limit)
             seconds = time.monotonic() - began
             if on_progress is not None and evaluated:
                 on_progress(self._progress_since(before, seconds, criteria))
@@ -140,17 +145,13 @@ class Search(ABC):
         )
 
     def identifiability(
-        self,
-        task: LearningTask,
-        *,
-        cancelled: Callable[[], bool] | None = None,
-        seconds_left: Callable[[], float] = lambda: np.inf,
+        self, task: LearningTask, seconds_left: Callable[[], float] = lambda: np.inf
     ) -> Identifiability:
         """Return which parameters the observations determine, and how well, at the estimate.
 
         By J around `best_parameters` (`identify`), unless the search has a better way.
         """
-        return identify(task.cost, task.space, self.best_parameters, task.active, cancelled)
+        return identify(task.cost, task.space, self.best_parameters, task.active)
 
     def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
         """How long `identifiability` will take at the pace of the search."""
@@ -184,10 +185,10 @@ class Search(ABC):
     def load_own_state(self, state: Mapping[str, Any]) -> None:
         """Read what `own_state` returned."""
 
-    def _record(self, cost: float, relative_gain: float) -> None:
+    def _record(self, cost: float) -> None:
         """Count one evaluation of J, that of `best_parameters` being `cost` after it."""
         self._history.append(cost)
-        if cost < self._gain_cost * (1.0 - relative_gain):
+        if cost < self._gain_cost * (1.0 - RELATIVE_GAIN):
             self._gain_cost = cost
             self._gain_iteration = self.iterations
 
@@ -245,7 +246,7 @@ class ParameterSearch(Search):
             raise InvalidInputError("nothing was evaluated yet; expected step() or run() first")
         return self._space.to_parameters(self._best_point)
 
-    def step(self, limit: int, relative_gain: float = 0.0) -> int:
+    def step(self, limit: int) -> int:
         """Evaluate up to `limit` candidates at once; return how many there were."""
         points = self._rule.ask(limit)
         if len(points) == 0:
@@ -255,14 +256,8 @@ class ParameterSearch(Search):
         for point, cost in zip(points, costs.tolist(), strict=True):
             if cost < self.best_cost:
                 self._best_point = point
-            self._record(min(cost, self.best_cost), relative_gain)
+            self._record(min(cost, self.best_cost))
         return len(points)
-
-    def plan(self, most_iterations: int | None) -> None:
-        """Nothing: a step takes as many as it is allowed."""
-
-    def conclude(self) -> None:
-        """Nothing: the point of the lowest J is the result."""
 
     def keep_start(self, task: LearningTask) -> bool:
         (cost,) = self._cost([task.start]).tolist()

@@ -4,7 +4,6 @@ from intuitive_physics_learner.store.current_parameters import CurrentParameters
 from intuitive_physics_learner.store.observation_entries import Assessment, ObservationEntry
 from intuitive_physics_learner.store.observation_store import ObservationStore
 from intuitive_physics_learner.store.online_record import OnlineRecord
-from intuitive_physics_learner.store.search_checkpoint import SearchCheckpoint
 
 __all__ = [
     "Assessment",
@@ -12,5 +11,4 @@ __all__ = [
     "ObservationEntry",
     "ObservationStore",
     "OnlineRecord",
-    "SearchCheckpoint",
 ]

@@ -11,7 +11,7 @@ observed_materials   number (order of appearance), name, count of observations i
 observation_set      revision: grows whenever an observation is added, deleted, excluded or included
 learned_parameters   version, learned_at (Unix time), json (`LearnedParameters.to_dict`)
 online_state         id (always 1), saved_at (Unix time), json (`OnlineState`)
-searches             key, saved_at (Unix time), version, json (`SearchCheckpoint`)
+searches             key, saved_at (Unix time), version (of θ_s that it began from), json (state)
 
 Triggers keep the counts, the materials and the entries of deleted observations right, whichever
 program writes. Opening reads the header and one row of each table, not the whole file: damage
@@ -24,10 +24,11 @@ import os
 import re
 import sqlite3
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
@@ -223,6 +224,11 @@ class Database:
         with self._lock, self._explained("read"):
             yield self._connection
 
+    def rows(self, query: str, values: Sequence[object] = ()) -> list[tuple[Any, ...]]:
+        """Return all rows that a query with some values finds."""
+        with self.reading() as connection:
+            return connection.execute(query, values).fetchall()
+
     @contextmanager
     def writing(self) -> Iterator[sqlite3.Connection]:
         """One transaction: all of it is on the disk at the end, or none.
@@ -274,10 +280,14 @@ class Database:
             connection.execute("PRAGMA synchronous = FULL")
         if version < latest_version():
             with self.writing() as connection:
-                migrate(connection, self.path)
-        with self.reading() as connection:
-            for query in FIRST_ROWS:
-                connection.execute(query).fetchall()
+                # Another process may have migrated the file meanwhile.
+                version = schema_version(connection, self.path)
+                for statements in MIGRATIONS[max(version - FIRST_VERSION + 1, 0) :]:
+                    for statement in statements:
+                        connection.execute(statement)
+                connection.execute(f"PRAGMA user_version = {latest_version()}")
+        for query in FIRST_ROWS:
+            self.rows(query)
 
     @contextmanager
     def _explained(self, action: str) -> Iterator[None]:
@@ -367,13 +377,3 @@ def schema_version(connection: sqlite3.Connection, path: Path) -> int:
             f"{latest_version()}: use the program that wrote it or a newer one"
         )
     return version
-
-
-def migrate(connection: sqlite3.Connection, path: Path) -> None:
-    """Bring a file up to date, within the caller's transaction: wholly or not at all."""
-    # Read within the transaction: another process may have migrated the file meanwhile.
-    version = schema_version(connection, path)
-    for statements in MIGRATIONS[max(version - FIRST_VERSION + 1, 0) :]:
-        for statement in statements:
-            connection.execute(statement)
-    connection.execute(f"PRAGMA user_version = {latest_version()}")

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.limits import check_limit
 from intuitive_physics.observation import Observation
 
 USED, EXCLUDED, DOUBTFUL, UNREADABLE = "used", "excluded", "doubtful", "unreadable"
@@ -118,42 +117,22 @@ class Assessment:
             )
 
 
-def text_columns(text: str) -> tuple[Any, ...]:
-    """Return what the columns `start_time` to `has_detections` say of an observation's JSON text.
-
-    Only what the columns need is read, which takes a fraction of the time of a whole observation.
-    """
-    try:
-        check_limit("longest_text", len(text), "characters of the text")
-        data = json.loads(text)
-        objects, environment = data["objects"], data["environment"]
-        materials = [track["object"]["material"] for track in objects]
-        materials += [part["material"] for part in (*environment["planes"], *environment["boxes"])]
-        start = float(data["start_time"])
-        times = list(_ends(objects))
-        return (
-            start,
-            min(times),
-            max(times),
-            json.dumps(list(dict.fromkeys(materials))),
-            len(objects),
-            sum(len(track["times"]) for track in objects),
-            any(track.get("detections") is not None for track in objects),
-        )
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
-        raise InvalidInputError(f"{type(error).__name__}: {error}") from None
+def entry_columns(observation: Observation) -> tuple[Any, ...]:
+    """Return what the columns `start_time` to `has_detections` say of an observation."""
+    return (
+        observation.start_time,
+        *observation.time_span,
+        json.dumps(list(observation.materials)),
+        len(observation.objects),
+        sum(len(each.trajectory) for each in observation.objects),
+        any(each.detections is not None for each in observation.objects),
+    )
 
 
-UNREADABLE_COLUMNS = (None, None, None, "[]", 0, 0, False)
-"""The same columns of an observation whose text cannot be read."""
-
-
-def _ends(objects: list[dict[str, Any]]) -> Iterator[float]:
-    """First and last times in s at which objects were seen."""
-    for track in objects:
-        for times in (track["times"], (track.get("detections") or {}).get("times")):
-            if times:
-                yield from (float(times[0]), float(times[-1]))
+def readable_observations(texts: Iterable[str]) -> list[Observation]:
+    """Return the observations of JSON texts that can be read."""
+    parsed = map(parsed_observation, texts)
+    return [observation for observation in parsed if isinstance(observation, Observation)]
 
 
 def parsed_observation(text: str) -> Observation | InvalidInputError:

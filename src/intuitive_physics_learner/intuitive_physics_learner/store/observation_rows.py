@@ -6,19 +6,16 @@ import json
 import sqlite3
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.limits import limits
 from intuitive_physics.observation import Observation
 from intuitive_physics_learner.store.observation_entries import (
     COLUMNS,
-    STATUSES,
-    UNREADABLE,
-    UNREADABLE_COLUMNS,
     USED,
-    ObservationEntry,
+    entry_columns,
     parsed_observation,
-    text_columns,
 )
 
 TOO_MANY_MATERIALS = (
@@ -31,16 +28,27 @@ CANDIDATES = 64
 """Stored observations that a new one is compared with at most, the nearest in time first; a camera
 sees far fewer motions at once."""
 
+NEAR = (
+    "SELECT json FROM observations JOIN (SELECT id, start_time FROM observation_entries "
+    "WHERE has_detections IN (NOT ?1, 1) AND first_time <= ?3 AND first_time >= ?2 - "
+    "(SELECT MAX(last_time - first_time) FROM observation_entries) AND last_time >= ?2 "
+    f"ORDER BY ABS(start_time - ?4) LIMIT {CANDIDATES}) USING (id)"
+)
+"""Query for the texts of observations comparable to one (`ObservationSpan.comparable`), the nearest
+first: whether it has detections, its first and last time, and its start in s."""
 
-def insert_observation(connection: sqlite3.Connection, row: tuple[str, float, str]) -> bool:
-    """Insert id, received_at and JSON text; return whether the id is new."""
+
+def insert_observation(
+    connection: sqlite3.Connection, observation: Observation, text: str, received_at: float
+) -> bool:
+    """Insert an observation, received at a Unix time in s; return whether its id is new."""
     inserted = connection.execute(
         "INSERT INTO observations (id, received_at, json) VALUES (?, ?, ?) "
         "ON CONFLICT (id) DO NOTHING",
-        row,
+        (observation.id, received_at, text),
     ).rowcount
     if inserted:
-        insert_entry(connection, *row)
+        insert_entry(connection, observation.id, received_at, entry_columns(observation))
     return bool(inserted)
 
 
@@ -84,15 +92,6 @@ def excess_observations(connection: sqlite3.Connection) -> list[tuple[str, str]]
     return texts
 
 
-def set_unreadable(connection: sqlite3.Connection, problems: Sequence[tuple[str, str]]) -> None:
-    """Give observations, each with the reason, the status of what cannot be read."""
-    connection.executemany(
-        "UPDATE observation_entries SET status = ?, weight = 0.0, reason = ?, materials = '[]' "
-        "WHERE id = ?",
-        [(UNREADABLE, reason, name) for name, reason in problems],
-    )
-
-
 def check_ids(connection: sqlite3.Connection, ids: Sequence[str]) -> None:
     """Raise `UnknownNameError` if no observation has one of the ids."""
     missing = connection.execute(
@@ -106,26 +105,19 @@ def check_ids(connection: sqlite3.Connection, ids: Sequence[str]) -> None:
         )
 
 
-def insert_entry(connection: sqlite3.Connection, name: str, received_at: float, text: str) -> None:
-    """Insert the entry of an observation whose JSON text is stored, as of a new revision."""
-    status, reason = USED, ""
-    try:
-        columns = text_columns(text)
-    except InvalidInputError as error:
-        status, reason, columns = UNREADABLE, str(error), UNREADABLE_COLUMNS
-    row = (name, received_at, *columns, status, float(status == USED), reason)
-    places = ", ".join("?" * len(row))
-    names = COLUMNS.removeprefix("number, ")
-    connection.execute(
-        f"INSERT INTO observation_entries ({names}) VALUES ({places}, ?)",
-        (*row, next_revision(connection)),
-    )
+def insert_entry(
+    connection: sqlite3.Connection, name: str, received_at: float, columns: tuple[Any, ...]
+) -> None:
+    """Insert the entry of an observation, with its `entry_columns`, as of a new revision."""
+    row = (name, received_at, *columns, USED, 1.0, "", next_revision(connection))
+    names, places = COLUMNS.removeprefix("number, "), ", ".join("?" * len(row))
+    connection.execute(f"INSERT INTO observation_entries ({names}) VALUES ({places})", row)
 
 
-def renew_entry(connection: sqlite3.Connection, name: str, text: str) -> None:
+def renew_entry(connection: sqlite3.Connection, name: str, observation: Observation) -> None:
     """Make an observation whose text can be read used again, as of a new revision."""
     columns = COLUMNS.split(", ")[3:]
-    row = (*text_columns(text), USED, 1.0, "", next_revision(connection))
+    row = (*entry_columns(observation), USED, 1.0, "", next_revision(connection))
     changes = ", ".join(f"{column} = ?" for column in columns) + ", learned_in = NULL"
     connection.execute(f"UPDATE observation_entries SET {changes} WHERE id = ?", (*row, name))
 
@@ -154,34 +146,6 @@ def set_status(
     return bool(changed)
 
 
-def list_entries(
-    connection: sqlite3.Connection,
-    ids: Sequence[str],
-    statuses: Sequence[str],
-    after: int,
-    *,
-    limit: int,
-    newest: bool,
-) -> list[ObservationEntry]:
-    """List observations, see `ObservationStore.entries`."""
-    for status in statuses:
-        if status not in STATUSES:
-            raise UnknownNameError(f"status is {status!r}; expected {', '.join(STATUSES)}")
-    chosen = "number > ?"
-    values: list[object] = [after]
-    for column, names in (("id", ids), ("status", statuses)):
-        if names:
-            chosen += f" AND {column} IN (SELECT value FROM json_each(?))"
-            values.append(json.dumps(list(names)))
-    check_ids(connection, ids)
-    rows = connection.execute(
-        f"SELECT {COLUMNS} FROM observation_entries WHERE {chosen} "
-        f"ORDER BY number {'DESC' if newest else 'ASC'} LIMIT ?",
-        (*values, limit),
-    )
-    return [ObservationEntry.from_row(row) for row in rows]
-
-
 @dataclass(frozen=True)
 class ObservationSpan:
     """An observation, the times in s that it covers, and whether any object has detections."""
@@ -206,23 +170,3 @@ class ObservationSpan:
             and self.first <= other.last
             and other.first <= self.last
         )
-
-
-def overlapping_texts(connection: sqlite3.Connection, span: ObservationSpan) -> list[str]:
-    """Return the JSON texts of stored observations comparable to one, the nearest in time first."""
-    rows = connection.execute(
-        "SELECT json FROM observations JOIN ("
-        "SELECT id, start_time FROM observation_entries "
-        "WHERE has_detections IN (?, 1) AND first_time <= ? AND first_time >= ? - "
-        "(SELECT MAX(last_time - first_time) FROM observation_entries) AND last_time >= ? "
-        "ORDER BY ABS(start_time - ?) LIMIT ?) USING (id)",
-        (
-            not span.has_detections,
-            span.last,
-            span.first,
-            span.first,
-            span.observation.start_time,
-            CANDIDATES,
-        ),
-    )
-    return [row[0] for row in rows]

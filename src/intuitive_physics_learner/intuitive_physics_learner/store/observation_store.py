@@ -12,10 +12,11 @@ import re
 import sqlite3
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
@@ -29,6 +30,7 @@ from intuitive_physics_learner.errors import (
 )
 from intuitive_physics_learner.store.database import Database
 from intuitive_physics_learner.store.observation_entries import (
+    COLUMNS,
     DOUBTFUL,
     EXCLUDED,
     INCLUDED_BY_USER,
@@ -38,23 +40,21 @@ from intuitive_physics_learner.store.observation_entries import (
     Assessment,
     ObservationEntry,
     parsed_observation,
+    readable_observations,
 )
 from intuitive_physics_learner.store.observation_rows import (
     CANDIDATES,
+    NEAR,
     ObservationSpan,
     check_ids,
     database_bytes,
     excess_observations,
     insert_observation,
-    list_entries,
-    overlapping_texts,
     readable_text,
     renew_entry,
     set_status,
-    set_unreadable,
 )
 from intuitive_physics_learner.store.room import WAYS_OUT, Room
-from intuitive_physics_learner.store.search_checkpoint import SearchCheckpoint
 
 LARGEST_SEARCH_COUNT = 8
 """Unfinished searches that are stored at most; those saved longest ago are deleted first."""
@@ -78,6 +78,11 @@ class ObservationStore:
     busy_timeout : s to wait for another process that writes, before a `DatabaseBusyError`; None
         takes `database.BUSY_TIMEOUT`
 
+    Attributes
+    ----------
+    database : the open file
+    path : of it
+
     Raises
     ------
     StorageError
@@ -89,13 +94,13 @@ class ObservationStore:
     """
 
     def __init__(self, path: str | os.PathLike[str], busy_timeout: float | None = None) -> None:
-        self._database = Database(path, busy_timeout)
-        self.path = self._database.path
+        self.database = Database(path, busy_timeout)
+        self.path = self.database.path
         self._unreadable_versions: dict[int, str] = {}
         try:
             self._set_excess_aside()
         except BaseException:
-            self._database.close()
+            self.database.close()
             raise
 
     def __enter__(self) -> ObservationStore:
@@ -106,12 +111,7 @@ class ObservationStore:
 
     def close(self) -> None:
         """Close the file; what was added is on the disk already."""
-        self._database.close()
-
-    @property
-    def database(self) -> Database:
-        """The open file."""
-        return self._database
+        self.database.close()
 
     def add(self, observation: Observation) -> bool:
         """Store an observation; once this returns it survives any crash.
@@ -141,23 +141,29 @@ class ObservationStore:
                 (other for other in fresh if other.comparable(span)),
                 key=lambda other: abs(other.observation.start_time - observation.start_time),
             )
-            same = (*self._stored_near(span), *(other.observation for other in near))
+            times = (span.first, span.last, observation.start_time)
+            near_rows = self.database.rows(NEAR, (span.has_detections, *times))
+            stored = readable_observations(text for (text,) in near_rows)
+            same = (*stored, *(other.observation for other in near))
             if not any(other.same_motion(observation) for other in same):
                 fresh.append(span)
         new = [span.observation for span in fresh]
-        rows = [(observation.id, time.time(), readable_text(observation)) for observation in new]
+        texts = [readable_text(observation) for observation in new]
         materials = observation_materials(new)
-        with self._database.writing() as connection:
+        with self.database.writing() as connection:
             self._check_materials(connection, materials)
             before = database_bytes(connection)
-            count = sum(insert_observation(connection, row) for row in rows)
+            count = sum(
+                insert_observation(connection, observation, text, time.time())
+                for observation, text in zip(new, texts, strict=True)
+            )
             # SQLite's max_page_count would refuse versions of θ_s too, as if the disk were full.
             self._check_size(before, database_bytes(connection))
             return count
 
     def room(self) -> Room:
         """Return how much room there is for more."""
-        with self._database.reading() as connection:
+        with self.database.reading() as connection:
             size = database_bytes(connection)
         return Room.of(self.path, size)
 
@@ -168,21 +174,18 @@ class ObservationStore:
 
     def counts(self) -> dict[str, int]:
         """Return how many observations have each status of `STATUSES`."""
-        with self._database.reading() as connection:
-            by_status = dict(connection.execute("SELECT status, count FROM observation_counts"))
+        by_status = dict(self.database.rows("SELECT status, count FROM observation_counts"))
         return {status: by_status.get(status, 0) for status in STATUSES}
 
     def materials(self) -> tuple[str, ...]:
         """Return the materials of all observations in order of appearance."""
-        with self._database.reading() as connection:
-            rows = connection.execute("SELECT name FROM observed_materials ORDER BY number")
-            return tuple(row[0] for row in rows)
+        rows = self.database.rows("SELECT name FROM observed_materials ORDER BY number")
+        return tuple(name for (name,) in rows)
 
     def ids(self) -> list[str]:
         """Return the ids of all observations in the order in which they came."""
-        with self._database.reading() as connection:
-            rows = connection.execute("SELECT id FROM observation_entries ORDER BY number")
-            return [row[0] for row in rows]
+        rows = self.database.rows("SELECT id FROM observation_entries ORDER BY number")
+        return [name for (name,) in rows]
 
     def entries(
         self,
@@ -203,8 +206,23 @@ class ObservationStore:
         limit : entries at most; negative: no limit. Give the last number as `after` to continue
         newest : the newest first instead of in the order in which they came
         """
-        with self._database.reading() as connection:
-            return list_entries(connection, ids, statuses, after, limit=limit, newest=newest)
+        for status in statuses:
+            if status not in STATUSES:
+                raise UnknownNameError(f"status is {status!r}; expected {', '.join(STATUSES)}")
+        chosen = "number > ?"
+        values: list[object] = [after]
+        for column, names in (("id", ids), ("status", statuses)):
+            if names:
+                chosen += f" AND {column} IN (SELECT value FROM json_each(?))"
+                values.append(json.dumps(list(names)))
+        with self.database.reading() as connection:
+            check_ids(connection, ids)
+            rows = connection.execute(
+                f"SELECT {COLUMNS} FROM observation_entries WHERE {chosen} "
+                f"ORDER BY number {'DESC' if newest else 'ASC'} LIMIT ?",
+                (*values, limit),
+            ).fetchall()
+        return [ObservationEntry.from_row(row) for row in rows]
 
     def observations(self, ids: Sequence[str] = ()) -> list[Observation]:
         """Return observations in the order in which they came: those used, or those with the ids.
@@ -214,16 +232,17 @@ class ObservationStore:
         """
         if not ids:
             return [observation for _, observation in self.each_observation()]
-        rows = self._texts(self.entries(ids=ids))
-        parsed = [(entry, parsed_observation(text)) for entry, text in rows]
-        for entry, observation in parsed:
+        observations = []
+        for entry, observation in self._parsed(ids=ids):
             if isinstance(observation, InvalidInputError):
-                self._mark_unreadable([(entry, observation)])
+                if entry.status != UNREADABLE:
+                    self._mark_if_possible([(entry.id, str(observation))])
                 raise StorageError(
                     f"{self.path}: observation {entry.id} cannot be read ({observation}); delete "
                     "it or learn from others"
-                ) from None
-        return [observation for _, observation in parsed if isinstance(observation, Observation)]
+                )
+            observations.append(observation)
+        return observations
 
     def each_observation(
         self, statuses: Sequence[str] = (USED,), ids: Sequence[str] = ()
@@ -235,17 +254,13 @@ class ObservationStore:
         statuses : of the observations; a text that cannot be read is marked and passed over
         ids : of the observations; empty: all
         """
-        after = 0
-        while entries := self.entries(ids=ids, statuses=statuses, after=after, limit=CHUNK):
-            unreadable: list[tuple[ObservationEntry, InvalidInputError]] = []
-            for entry, text in self._texts(entries):
-                observation = parsed_observation(text)
-                if isinstance(observation, Observation):
-                    yield entry, observation
-                else:
-                    unreadable.append((entry, observation))
-            self._mark_unreadable(unreadable)
-            after = entries[-1].number
+        unreadable = []
+        for entry, observation in self._parsed(statuses, ids):
+            if isinstance(observation, Observation):
+                yield entry, observation
+            elif entry.status != UNREADABLE:
+                unreadable.append((entry.id, str(observation)))
+        self._mark_if_possible(unreadable)
 
     def exclude(self, ids: Sequence[str], reason: str = EXCLUDED_BY_USER) -> int:
         """Leave observations out of learning, until they are included; return how many changed."""
@@ -271,12 +286,12 @@ class ObservationStore:
         int
             How many were assessed.
         """
-        with self._database.writing() as connection:
+        with self.database.writing() as connection:
             return _assess(connection, assessments)
 
     def delete(self, ids: Sequence[str]) -> int:
         """Delete observations for good; return how many there were."""
-        with self._database.writing() as connection:
+        with self.database.writing() as connection:
             check_ids(connection, ids)
             return connection.execute(
                 "DELETE FROM observations WHERE id IN (SELECT value FROM json_each(?))",
@@ -327,7 +342,7 @@ class ObservationStore:
 
         They are marked so; those that were marked and can be read are used again.
         """
-        damage = self._database.damage()
+        damage = self.database.damage()
         if damage:
             raise StorageError(
                 f"{self.path} is damaged ({damage}); it was left as it is: restore a copy of it, "
@@ -335,14 +350,14 @@ class ObservationStore:
             )
         deque(self.each_observation((USED, DOUBTFUL, EXCLUDED)), maxlen=0)
         readable = [
-            (entry, text)
-            for entry, text in self._texts(self.entries(statuses=[UNREADABLE]))
-            if isinstance(parsed_observation(text), Observation)
+            (entry.id, observation)
+            for entry, observation in self._parsed([UNREADABLE])
+            if isinstance(observation, Observation)
         ]
         if readable:
-            with self._database.writing() as connection:
-                for entry, text in readable:
-                    renew_entry(connection, entry.id, text)
+            with self.database.writing() as connection:
+                for name, observation in readable:
+                    renew_entry(connection, name, observation)
             self._set_excess_aside()
         return self.entries(statuses=[UNREADABLE])
 
@@ -365,7 +380,7 @@ class ObservationStore:
         """
         numbered = replace(learned, version=on + 1)
         text = json.dumps(numbered.to_dict(), allow_nan=False)
-        with self._database.writing() as connection:
+        with self.database.writing() as connection:
             if _newest_version(connection) != on:
                 return None
             self._check_materials(connection, learned.materials)
@@ -399,7 +414,7 @@ class ObservationStore:
         """
         versions = [] if learned is None else [replace(learned, version=on + 1).to_dict()]
         texts = [json.dumps(version, allow_nan=False) for version in versions]
-        with self._database.writing() as connection:
+        with self.database.writing() as connection:
             if _newest_version(connection) != on:
                 return False
             for text in texts:
@@ -413,7 +428,7 @@ class ObservationStore:
 
     def newest_version(self) -> int:
         """Return the highest version of θ_s; 0 when nothing was learned yet."""
-        with self._database.reading() as connection:
+        with self.database.reading() as connection:
             return _newest_version(connection)
 
     def newest_parameters(self) -> LearnedParameters | None:
@@ -422,11 +437,8 @@ class ObservationStore:
         Where that cannot be read it is left as it is (`unreadable_versions`), and the newest that
         can be read takes its place and its number; where there is none, the defaults do.
         """
-        with self._database.reading() as connection:
-            rows = connection.execute(
-                "SELECT version FROM learned_parameters ORDER BY version DESC"
-            )
-            versions = [int(row[0]) for row in rows]
+        rows = self.database.rows("SELECT version FROM learned_parameters ORDER BY version DESC")
+        versions = [int(version) for (version,) in rows]
         for version in versions:
             if version in self._unreadable_versions:
                 continue
@@ -446,20 +458,34 @@ class ObservationStore:
 
     def parameters(self, version: int) -> LearnedParameters:
         """Return θ_s of one version; raises `UnknownNameError` when there is no such version."""
-        with self._database.reading() as connection:
-            row = connection.execute(
-                "SELECT json FROM learned_parameters WHERE version = ?", (version,)
-            ).fetchone()
-            newest = _newest_version(connection)
-        if row is None:
+        rows = self.database.rows(
+            "SELECT json FROM learned_parameters WHERE version = ?", (version,)
+        )
+        if not rows:
+            newest = self.newest_version()
             expected = f"1 to {newest}" if newest else "some to be learned first"
             raise UnknownNameError(f"version is {version}; expected {expected}")
-        return self._parameters(version, row[0])
+        text = rows[0][0]
+        try:
+            check_limit("longest_text", len(text), "characters of the text")
+            return LearnedParameters.from_dict(json.loads(text))
+        except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+            raise UnreadableVersionError(
+                f"{self.path}: version {version} of the learned parameters cannot be read "
+                f"({error}); delete its row"
+            ) from None
 
-    def save_checkpoint(self, checkpoint: SearchCheckpoint) -> None:
-        """Store the state of a search in place of its last one."""
-        row = (checkpoint.key, time.time(), checkpoint.version, checkpoint.to_json())
-        with self._database.writing() as connection:
+    def save_search(self, key: str, version: int, state: Mapping[str, Any]) -> None:
+        """Store the state of a search, plain data, in place of its last one.
+
+        Parameters
+        ----------
+        key : digest of all that determines the search, apart from the θ_s it began from
+        version : of that θ_s
+        state : from which the search continues
+        """
+        row = (key, time.time(), version, json.dumps(state, allow_nan=False))
+        with self.database.writing() as connection:
             connection.execute(
                 "INSERT OR REPLACE INTO searches (key, saved_at, version, json) "
                 "VALUES (?, ?, ?, ?)",
@@ -471,21 +497,20 @@ class ObservationStore:
                 (LARGEST_SEARCH_COUNT,),
             )
 
-    def checkpoint(self, key: str) -> SearchCheckpoint | None:
-        """Return the state of a search; None when none is stored, or none that can be read."""
-        with self._database.reading() as connection:
-            row = connection.execute(
-                "SELECT version, json FROM searches WHERE key = ?", (key,)
-            ).fetchone()
-        try:
-            return None if row is None else SearchCheckpoint.from_json(key, *row)
-        except InvalidInputError:
-            # A search that starts from its beginning only loses time.
-            return None
+    def saved_search(self, key: str, version: int) -> dict[str, Any]:
+        """Return the state of a search from a version; empty where none is that can be read."""
+        rows = self.database.rows(
+            "SELECT json FROM searches WHERE key = ? AND version = ?", (key, version)
+        )
+        # A search that starts from its beginning only loses time.
+        with suppress(json.JSONDecodeError):
+            for (text,) in rows:
+                return dict(json.loads(text))
+        return {}
 
-    def delete_checkpoint(self, key: str) -> None:
+    def delete_search(self, key: str) -> None:
         """Delete the state of a search; one that is not stored is no error."""
-        with self._database.writing() as connection:
+        with self.database.writing() as connection:
             connection.execute("DELETE FROM searches WHERE key = ?", (key,))
 
     def _check_materials(self, connection: sqlite3.Connection, materials: Sequence[str]) -> None:
@@ -511,57 +536,48 @@ class ObservationStore:
             )
 
     def _set_status(self, ids: Sequence[str], status: str, weight: float, reason: str) -> int:
-        with self._database.writing() as connection:
+        with self.database.writing() as connection:
             check_ids(connection, ids)
             return sum(set_status(connection, name, status, weight, reason) for name in ids)
 
-    def _texts(self, entries: Sequence[ObservationEntry]) -> Iterator[tuple[ObservationEntry, str]]:
-        """Read the texts of observations; one that was deleted meanwhile is passed over."""
-        for first in range(0, len(entries), CHUNK):
-            some = entries[first : first + CHUNK]
-            names = json.dumps([entry.id for entry in some])
-            with self._database.reading() as connection:
-                texts = dict(
-                    connection.execute(
-                        "SELECT id, json FROM observations "
-                        "WHERE id IN (SELECT value FROM json_each(?))",
-                        (names,),
-                    )
+    def _parsed(
+        self, statuses: Sequence[str] = (), ids: Sequence[str] = ()
+    ) -> Iterator[tuple[ObservationEntry, Observation | InvalidInputError]]:
+        """Read observations, or what is wrong with them, except for those deleted meanwhile."""
+        after = 0
+        while entries := self.entries(ids=ids, statuses=statuses, after=after, limit=CHUNK):
+            texts = dict(
+                self.database.rows(
+                    "SELECT id, json FROM observations "
+                    "WHERE id IN (SELECT value FROM json_each(?))",
+                    (json.dumps([entry.id for entry in entries]),),
                 )
-            yield from ((entry, texts[entry.id]) for entry in some if entry.id in texts)
-
-    def _stored_near(self, span: ObservationSpan) -> list[Observation]:
-        """Return stored observations that may be of the same motion."""
-        with self._database.reading() as connection:
-            texts = overlapping_texts(connection, span)
-        parsed = map(parsed_observation, texts)
-        return [observation for observation in parsed if isinstance(observation, Observation)]
-
-    def _mark_unreadable(self, texts: Sequence[tuple[ObservationEntry, InvalidInputError]]) -> None:
-        rows = [(entry.id, str(error)) for entry, error in texts if entry.status != UNREADABLE]
-        # It is marked the next time it is read if another process writes now.
-        with suppress(DatabaseBusyError):
-            self._write_unreadable(rows)
+            )
+            for entry in entries:
+                if entry.id in texts:
+                    yield entry, parsed_observation(texts[entry.id])
+            after = entries[-1].number
 
     def _set_excess_aside(self) -> None:
-        with self._database.reading() as connection:
+        with self.database.reading() as connection:
             excess = excess_observations(connection)
-        self._write_unreadable(excess)
+        self._mark_unreadable(excess)
 
-    def _write_unreadable(self, problems: Sequence[tuple[str, str]]) -> None:
-        if problems:
-            with self._database.writing() as connection:
-                set_unreadable(connection, problems)
+    def _mark_if_possible(self, problems: Sequence[tuple[str, str]]) -> None:
+        # They are marked the next time they are read if another process writes now.
+        with suppress(DatabaseBusyError):
+            self._mark_unreadable(problems)
 
-    def _parameters(self, version: int, text: str) -> LearnedParameters:
-        try:
-            check_limit("longest_text", len(text), "characters of the text")
-            return LearnedParameters.from_dict(json.loads(text))
-        except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
-            raise UnreadableVersionError(
-                f"{self.path}: version {version} of the learned parameters cannot be read "
-                f"({error}); delete its row"
-            ) from None
+    def _mark_unreadable(self, problems: Sequence[tuple[str, str]]) -> None:
+        """Give observations, each with the reason, the status of what cannot be read."""
+        if not problems:
+            return
+        with self.database.writing() as connection:
+            connection.executemany(
+                "UPDATE observation_entries SET status = ?, weight = 0.0, reason = ?, "
+                "materials = '[]' WHERE id = ?",
+                [(UNREADABLE, reason, name) for name, reason in problems],
+            )
 
 
 def _insert_version(connection: sqlite3.Connection, version: int, text: str) -> None:

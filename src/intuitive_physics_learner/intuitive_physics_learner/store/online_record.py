@@ -7,7 +7,12 @@ from collections.abc import Sequence
 
 from intuitive_physics.observation import Observation
 from intuitive_physics_learner.store.database import Database
-from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, parsed_observation
+from intuitive_physics_learner.store.observation_entries import (
+    DOUBTFUL,
+    USED,
+    parsed_observation,
+    readable_observations,
+)
 
 
 class OnlineRecord:
@@ -30,13 +35,12 @@ class OnlineRecord:
         each observation that cannot be read, by its id; `revision`: from which to read on; the same
         where there are none.
         """
-        with self._database.reading() as connection:
-            rows = connection.execute(
-                "SELECT entry.revision, entry.id, json FROM observation_entries AS entry "
-                "JOIN observations USING (id) WHERE entry.revision > ? AND entry.status = ? "
-                "AND entry.learned_in IS NOT ? ORDER BY entry.revision LIMIT ?",
-                (revision, USED, but, limit),
-            ).fetchall()
+        rows = self._database.rows(
+            "SELECT entry.revision, entry.id, json FROM observation_entries AS entry "
+            "JOIN observations USING (id) WHERE entry.revision > ? AND entry.status = ? "
+            "AND entry.learned_in IS NOT ? ORDER BY entry.revision LIMIT ?",
+            (revision, USED, but, limit),
+        )
         observations, problems = [], {}
         for _, name, text in rows:
             observation = parsed_observation(text)
@@ -48,12 +52,11 @@ class OnlineRecord:
 
     def count_since(self, revision: int, but: int) -> int:
         """Return the number of observations that `observations_since` reads, without a limit."""
-        with self._database.reading() as connection:
-            (count,) = connection.execute(
-                "SELECT COUNT(*) FROM observation_entries WHERE revision > ? AND status = ? "
-                "AND learned_in IS NOT ?",
-                (revision, USED, but),
-            ).fetchone()
+        ((count,),) = self._database.rows(
+            "SELECT COUNT(*) FROM observation_entries WHERE revision > ? AND status = ? "
+            "AND learned_in IS NOT ?",
+            (revision, USED, but),
+        )
         return int(count)
 
     def revision_before(self, version: int) -> int | None:
@@ -62,40 +65,35 @@ class OnlineRecord:
         `version` is that of θ_s which the search led to; None where no search here led to it. The
         time grows with the number of observations: it is for once after a search.
         """
-        with self._database.reading() as connection:
-            first, count = connection.execute(
-                "SELECT MIN(CASE WHEN status = ?2 AND learned_in IS NOT ?1 THEN revision END), "
-                "COUNT(CASE WHEN learned_in = ?1 THEN 1 END) FROM observation_entries",
-                (version, USED),
-            ).fetchone()
-            (newest,) = connection.execute("SELECT revision FROM observation_set").fetchone()
+        ((first, count, newest),) = self._database.rows(
+            "SELECT MIN(CASE WHEN status = ?2 AND learned_in IS NOT ?1 THEN revision END), "
+            "COUNT(CASE WHEN learned_in = ?1 THEN 1 END), "
+            "(SELECT revision FROM observation_set) FROM observation_entries",
+            (version, USED),
+        )
         if not count:
             return None
         return int(newest) if first is None else int(first) - 1
 
     def kept(self, ids: Sequence[str]) -> list[Observation]:
         """Read those of some observations that nobody has excluded or deleted since."""
-        with self._database.reading() as connection:
-            rows = connection.execute(
-                "SELECT json FROM observations JOIN observation_entries USING (id) "
-                "WHERE id IN (SELECT value FROM json_each(?)) AND status IN (?, ?)",
-                (json.dumps(list(ids)), USED, DOUBTFUL),
-            ).fetchall()
-        parsed = [parsed_observation(text) for (text,) in rows]
-        return [observation for observation in parsed if isinstance(observation, Observation)]
+        rows = self._database.rows(
+            "SELECT json FROM observations JOIN observation_entries USING (id) "
+            "WHERE id IN (SELECT value FROM json_each(?)) AND status IN (?, ?)",
+            (json.dumps(list(ids)), USED, DOUBTFUL),
+        )
+        return readable_observations(text for (text,) in rows)
 
     def still_used(self, ids: Sequence[str]) -> set[str]:
         """Return which of some observations nobody has excluded, deleted or set aside since."""
-        with self._database.reading() as connection:
-            rows = connection.execute(
-                "SELECT id FROM observation_entries WHERE status = ? "
-                "AND id IN (SELECT value FROM json_each(?))",
-                (USED, json.dumps(list(ids))),
-            ).fetchall()
+        rows = self._database.rows(
+            "SELECT id FROM observation_entries WHERE status = ? "
+            "AND id IN (SELECT value FROM json_each(?))",
+            (USED, json.dumps(list(ids))),
+        )
         return {name for (name,) in rows}
 
     def state(self) -> str | None:
         """Return the state that was saved last; None before the first."""
-        with self._database.reading() as connection:
-            row = connection.execute("SELECT json FROM online_state").fetchone()
-        return None if row is None else str(row[0])
+        rows = self._database.rows("SELECT json FROM online_state")
+        return str(rows[0][0]) if rows else None

@@ -34,10 +34,12 @@ class CmaEs(UpdateRule):
     """step_size: σ, first standard deviation on the unit interval; population: λ, candidates in a
     generation."""
 
+    remembered = ("_first_generator", "_told")
+
     def _prepare(self) -> None:
         self._first_generator = self._generator.bit_generator.state
         self._strategy = self._new_strategy()
-        self._generation_costs: list[list[float]] = []
+        self._told: list[list[float]] = []
 
     def propose(self) -> NDArray[np.float64]:
         if self._strategy.stop():
@@ -48,17 +50,13 @@ class CmaEs(UpdateRule):
         if self._generation_count == 0 and self._start is not None:
             return
         self._strategy.tell(list(points), costs.tolist())
-        self._generation_costs.append(costs.tolist())
-
-    def own_state(self) -> dict[str, Any]:
-        return {"first_generator": self._first_generator, "told": list(self._generation_costs)}
+        self._told.append(costs.tolist())
 
     def load_own_state(self, state: dict[str, Any]) -> None:
-        self._first_generator = state["first_generator"]
+        super().load_own_state(state)
         self._generator.bit_generator.state = self._first_generator
         self._strategy = self._new_strategy()
-        self._generation_costs = list(state["told"])
-        for costs in self._generation_costs:
+        for costs in self._told:
             self._strategy.tell(self._strategy.ask(), costs)
 
     def _new_strategy(self) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ class GridSearch(UpdateRule):
 
     defaults: ClassVar[Mapping[str, float]] = {"increment": 0.05}
     """increment: δp, step of each parameter on the unit interval."""
+
+    remembered = ("_next",)
 
     def _prepare(self) -> None:
         self._levels = grid_levels(self.settings["increment"])
@@ -42,12 +44,6 @@ class GridSearch(UpdateRule):
         if self._generation_count > 0 or self._start is None:
             self._next += len(points)
 
-    def own_state(self) -> dict[str, Any]:
-        return {"next": self._next}
-
-    def load_own_state(self, state: dict[str, Any]) -> None:
-        self._next = state["next"]
-
 
 def grid_levels(increment: float) -> NDArray[np.float64]:
     """The 1/δp values of a parameter, δp apart, in the middle of the interval, shape (n_levels,).
@@ -67,12 +63,3 @@ class RandomSearch(UpdateRule):
 
     def propose(self) -> NDArray[np.float64]:
         return self._random_points(GENERATION)
-
-    def update(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> None:
-        pass
-
-    def own_state(self) -> dict[str, Any]:
-        return {}
-
-    def load_own_state(self, state: dict[str, Any]) -> None:
-        pass

@@ -30,6 +30,8 @@ class HybridSearch(UpdateRule):
     """random_iterations: i, evaluations of J before the switch; others as
     `ParameterGradientSearch`."""
 
+    remembered = ("_evaluated",)
+
     def _prepare(self) -> None:
         self._gradient = ParameterGradientSearch(
             self.size,
@@ -65,10 +67,10 @@ class HybridSearch(UpdateRule):
             successor.continue_from(self._gradient.point, self._gradient.cost)
 
     def own_state(self) -> dict[str, Any]:
-        return {"evaluated": self._evaluated, "gradient": self._gradient.own_state()}
+        return {**super().own_state(), "gradient": self._gradient.own_state()}
 
     def load_own_state(self, state: dict[str, Any]) -> None:
-        self._evaluated = state["evaluated"]
+        super().load_own_state(state)
         self._gradient.load_own_state(state["gradient"])
 
 
@@ -77,12 +79,7 @@ class HybridRandomSearch(UpdateRule):
 
     name = "hybrid_random"
 
-    defaults: ClassVar[Mapping[str, float]] = {
-        "sweeps": 5,
-        "random_iterations": 300,
-        "learning_rate": 0.1,
-        "smallest_step": 0.001,
-    }
+    defaults: ClassVar[Mapping[str, float]] = {"sweeps": 5, **HybridSearch.defaults}
     """sweeps: s, how often as many parameters as there are get targeted before the switch;
     others as `HybridSearch`."""
 

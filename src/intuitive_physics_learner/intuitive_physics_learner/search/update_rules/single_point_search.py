@@ -14,7 +14,7 @@ from intuitive_physics_learner.search.update_rules.update_rule import UpdateRule
 
 
 class ClimbingRule(UpdateRule):
-    """A rule that starts from one point, random unless given, and moves where J is lower.
+    """A rule that has one current point, at first a random one, and moves where J is lower.
 
     Attributes
     ----------
@@ -27,10 +27,7 @@ class ClimbingRule(UpdateRule):
         self.cost = np.inf
 
     def continue_from(self, point: NDArray[np.float64], cost: float) -> None:
-        """Take over the best point of another rule.
-
-        `point` (n,) of the unit cube.
-        """
+        """Take over a point, (n,) of the unit cube, with its J in m."""
         self.point = point.copy()
         self.cost = cost
 
@@ -44,8 +41,7 @@ class ClimbingRule(UpdateRule):
         best = int(np.argmin(costs))
         gained = bool(costs[best] < self.cost)
         if gained:
-            self.point = points[best].copy()
-            self.cost = float(costs[best])
+            self.continue_from(points[best], float(costs[best]))
         if not first:
             self._after(gained)
 
@@ -58,12 +54,14 @@ class ClimbingRule(UpdateRule):
 
     def own_state(self) -> dict[str, Any]:
         return {
+            **super().own_state(),
             "point": None if self.point is None else self.point.tolist(),
             # JSON has no infinity.
             "cost": None if self.point is None else self.cost,
         }
 
     def load_own_state(self, state: dict[str, Any]) -> None:
+        super().load_own_state(state)
         self.point = None if state["point"] is None else np.array(state["point"])
         self.cost = np.inf if state["cost"] is None else state["cost"]
 
@@ -75,6 +73,8 @@ class CoordinateDescent(ClimbingRule):
 
     defaults: ClassVar[Mapping[str, float]] = {"increment": 0.05}
     """increment: δp, step of a parameter on the unit interval."""
+
+    remembered = ("_order", "_position")
 
     def _prepare(self) -> None:
         super()._prepare()
@@ -93,14 +93,6 @@ class CoordinateDescent(ClimbingRule):
             self._order = self._generator.permutation(self.size).tolist()
             self._position = 0
 
-    def own_state(self) -> dict[str, Any]:
-        return {**super().own_state(), "order": list(self._order), "position": self._position}
-
-    def load_own_state(self, state: dict[str, Any]) -> None:
-        super().load_own_state(state)
-        self._order = list(state["order"])
-        self._position = state["position"]
-
 
 class ParameterGradientSearch(ClimbingRule):
     """Adds δp to one parameter as long as J falls, else turns around with half the step.
@@ -115,6 +107,8 @@ class ParameterGradientSearch(ClimbingRule):
     defaults: ClassVar[Mapping[str, float]] = {"learning_rate": 0.1, "smallest_step": 0.001}
     """learning_rate: α, first step on the unit interval; smallest_step: β, below which the next
     parameter is targeted."""
+
+    remembered = ("_step", "_target", "targets_done")
 
     def _prepare(self) -> None:
         super()._prepare()
@@ -135,20 +129,6 @@ class ParameterGradientSearch(ClimbingRule):
             self._step = self.settings["learning_rate"]
             self._target = int(self._generator.integers(self.size))
             self.targets_done += 1
-
-    def own_state(self) -> dict[str, Any]:
-        return {
-            **super().own_state(),
-            "step": self._step,
-            "target": self._target,
-            "targets_done": self.targets_done,
-        }
-
-    def load_own_state(self, state: dict[str, Any]) -> None:
-        super().load_own_state(state)
-        self._step = state["step"]
-        self._target = state["target"]
-        self.targets_done = state["targets_done"]
 
 
 class AdaptiveRandomSearch(ClimbingRule):
@@ -189,7 +169,7 @@ class BoundedAdaptiveRandomSearch(AdaptiveRandomSearch):
         return float(np.clip(self.cost, smallest, max(self.settings["learning_rate"], smallest)))
 
 
-class MetropolisHastings(UpdateRule):
+class MetropolisHastings(ClimbingRule):
     """Adds δp = U(-α, α) to one random parameter and accepts as Metropolis and Hastings do.
 
     A candidate of cost J' replaces the current one of cost J with the chance
@@ -202,15 +182,9 @@ class MetropolisHastings(UpdateRule):
     """learning_rate: α, largest step on the unit interval; temperature: m of cost by which a
     candidate is accepted with the chance 1/e."""
 
-    def _prepare(self) -> None:
-        self._point: NDArray[np.float64] | None = None
-        self._cost = np.inf
-
-    def propose(self) -> NDArray[np.float64]:
-        if self._point is None:
-            return self._random_points(1)
+    def _neighbours(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         alpha = self.settings["learning_rate"]
-        moved = self._point.copy()
+        moved = point.copy()
         target = self._generator.integers(self.size)
         # Reflected at the bounds, not clipped: else the chain would not be symmetric and stick.
         there = np.abs(moved[target] + self._generator.uniform(-alpha, alpha)) % 2.0
@@ -218,18 +192,6 @@ class MetropolisHastings(UpdateRule):
         return moved[None, :]
 
     def update(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> None:
-        rise = max(float(costs[0]) - self._cost, 0.0)
+        rise = max(float(costs[0]) - self.cost, 0.0)
         if self._generator.random() < np.exp(-rise / self.settings["temperature"]):
-            self._point = points[0].copy()
-            self._cost = float(costs[0])
-
-    def own_state(self) -> dict[str, Any]:
-        return {
-            "point": None if self._point is None else self._point.tolist(),
-            # JSON has no infinity.
-            "cost": None if self._point is None else self._cost,
-        }
-
-    def load_own_state(self, state: dict[str, Any]) -> None:
-        self._point = None if state["point"] is None else np.array(state["point"])
-        self._cost = np.inf if state["cost"] is None else state["cost"]
+            self.continue_from(points[0], float(costs[0]))

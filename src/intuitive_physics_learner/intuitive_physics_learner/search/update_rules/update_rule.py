@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from copy import copy
 from typing import Any, ClassVar
 
 import numpy as np
@@ -31,6 +32,9 @@ class UpdateRule(ABC):
 
     defaults: ClassVar[Mapping[str, float]] = {}
     """Constants of the rule, as in Table I."""
+
+    remembered: ClassVar[tuple[str, ...]] = ()
+    """Attributes of plain data that the rule needs to continue; `own_state` has the others."""
 
     def __init__(
         self,
@@ -168,23 +172,24 @@ class UpdateRule(ABC):
         Must change nothing but the generator, so that it can be repeated from a saved state.
         """
 
-    @abstractmethod
     def update(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> None:
-        """Take the costs of a whole generation.
+        """Take the costs of a whole generation; by default nothing depends on them.
 
         Parameters
         ----------
         points : (k, n) of the unit cube
         costs : (k,) m
         """
+        return
 
-    @abstractmethod
     def own_state(self) -> dict[str, Any]:
         """Return the part of the state that belongs to this rule, as plain data."""
+        return {name.lstrip("_"): copy(getattr(self, name)) for name in self.remembered}
 
-    @abstractmethod
     def load_own_state(self, state: dict[str, Any]) -> None:
         """Read what `own_state` returned."""
+        for name in self.remembered:
+            setattr(self, name, copy(state[name.lstrip("_")]))
 
 
 def _unit_point(value: ArrayLike, size: int) -> NDArray[np.float64]:

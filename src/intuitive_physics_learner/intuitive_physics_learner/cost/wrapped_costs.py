@@ -1,0 +1,129 @@
+"""Costs that evaluate another one: in shares, from memory, or over some of its observations."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.parameter_space import parameter_vector
+from intuitive_physics_learner.cost.cost_function import Cost, chunks
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.cost.trials import Trials, resting
+from intuitive_physics_learner.errors import LearningCancelledError
+
+REMEMBERED = 64
+"""Sets of parameters remembered for an observation on average, more than a batch has candidates."""
+
+
+class InterruptibleCost(Cost):
+    """Another cost, evaluated in small shares between which it can be cancelled.
+
+    Parameters
+    ----------
+    cost : what evaluates J
+    cancelled : polled before each share
+
+    Raises
+    ------
+    LearningCancelledError
+        From its methods, when `cancelled` returned True.
+    """
+
+    def __init__(self, cost: Cost, cancelled: Callable[[], bool]) -> None:
+        super().__init__(cost.observations, cost.materials)
+        self.threads = cost.threads
+        self._cost = cost
+        self._cancelled = cancelled
+
+    def trial_distances(self, trials: Trials) -> NDArray[np.float64]:
+        return np.concatenate([self._cost.trial_distances(t) for t in self._shares(trials)])
+
+    def trial_residuals(self, trials: Trials) -> NDArray[np.float64]:
+        return np.concatenate([self._cost.trial_residuals(t) for t in self._shares(trials)])
+
+    def _shares(self, trials: Trials) -> Iterator[Trials]:
+        for part in chunks(np.arange(trials.size), self._cost.largest_share):
+            if self._cancelled():
+                raise LearningCancelledError
+            yield trials.taken(part)
+
+
+class CachedCost(Cost):
+    """Another cost, the same to the bit, that remembers distances.
+
+    J is a sum over observations, and each depends on few parameters, so a candidate that differs
+    from an earlier one in some parameters costs only the observations which these can change.
+
+    Attributes
+    ----------
+    simulated : trials that were simulated so far
+    """
+
+    def __init__(self, cost: Cost) -> None:
+        super().__init__(cost.observations, cost.materials)
+        self._cost = cost
+        influence = parameter_influence(cost.observations, cost.materials)
+        self._parameters = [np.flatnonzero(row) for row in influence]
+        self._cached: OrderedDict[tuple[int, bytes], NDArray[np.float64]] = OrderedDict()
+        self.simulated = 0
+
+    def trial_distances(self, trials: Trials) -> NDArray[np.float64]:
+        if trials.states is not None or trials.until is not None:
+            return self._cost.trial_distances(trials)
+        vectors = [parameter_vector(parameters) for parameters in trials.parameters]
+        places = zip(
+            trials.parameter_index.tolist(), trials.observation_index.tolist(), strict=True
+        )
+        keys = [(i, vectors[c][self._parameters[i]].tobytes()) for c, i in places]
+        missing: dict[tuple[int, bytes], int] = {}
+        for trial, key in enumerate(keys):
+            if key not in self._cached:
+                missing.setdefault(key, trial)
+        if missing:
+            chosen = np.array(list(missing.values()))
+            rows = self._cost.trial_distances(trials.taken(chosen))
+            self._cached.update(zip(missing, rows, strict=True))
+            self.simulated += chosen.size
+        for key in keys:
+            self._cached.move_to_end(key)
+        distances = np.array([self._cached[key] for key in keys])
+        while len(self._cached) > REMEMBERED * len(self.observations):
+            self._cached.popitem(last=False)
+        return distances
+
+    def trial_residuals(self, trials: Trials) -> NDArray[np.float64]:
+        return self._cost.trial_residuals(trials)
+
+
+class PartialCost(Cost):
+    """J over some of the observations of another cost.
+
+    `members` (n_members,) indices of the observations that are left, at least one.
+    """
+
+    def __init__(self, cost: Cost, members: NDArray[np.int64]) -> None:
+        super().__init__([cost.observations[i] for i in members], cost.materials)
+        self.threads = cost.threads
+        self._cost = cost
+        self._members = members
+
+    def trial_distances(self, trials: Trials) -> NDArray[np.float64]:
+        objects = int(self.trajectory_object.max()) + 1
+        return self._cost.trial_distances(self._of_all(trials))[:, :objects]
+
+    def trial_residuals(self, trials: Trials) -> NDArray[np.float64]:
+        return self._cost.trial_residuals(self._of_all(trials))
+
+    def _of_all(self, trials: Trials) -> Trials:
+        states = trials.states
+        objects = int(self._cost.trajectory_object.max()) + 1
+        if states is not None and states.shape[1] < objects:
+            padded = resting(len(states), objects)
+            padded[:, : states.shape[1]] = states
+            states = padded
+        members = self._members[trials.observation_index]
+        return replace(trials, observation_index=members, states=states)

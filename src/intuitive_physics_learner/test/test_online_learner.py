@@ -1,8 +1,6 @@
 """Recursive learning: what is published, what is set aside, what is remembered, what it takes."""
 
-import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,15 +9,21 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import parameter_names
 from intuitive_physics.parameter_posterior import ParameterPosterior
+from intuitive_physics.simulation import Simulator
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import LearningOptions
 from intuitive_physics_learner.given_parameters import FIXED, PRIOR, given_parameters
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
-from intuitive_physics_learner.online import fits, online_learner
+from intuitive_physics_learner.online import memory
+from intuitive_physics_learner.online.memory import grow_older
 from intuitive_physics_learner.online.online_learner import OnlineLearner
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
-from intuitive_physics_learner.online.publication import FEWEST_COMPARED
+from intuitive_physics_learner.online.publication import (
+    FEWEST_COMPARED,
+    is_to_be_published,
+    publish,
+)
 from intuitive_physics_learner.online.stored_online_learning import StoredOnlineLearning
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, Assessment
@@ -31,6 +35,17 @@ OPTIONS = OnlineOptions(window=6)
 
 def noisy_throws(throws, count, seed):
     return throws(count, seed, noise=0.003, state_noise=0.01, times=24)
+
+
+class CountingSimulator(Simulator):
+    """Simulates by another engine, and counts the points that it was asked for."""
+
+    def __init__(self, engine):
+        self.name, self._engine, self.points = engine.name, engine, 0
+
+    def _rollout(self, worlds, times, orientations):
+        self.points += int(np.isfinite(times).sum())
+        return self._engine._rollout(worlds, times, orientations)
 
 
 def restitution(learned):
@@ -51,12 +66,13 @@ def kicked(observation):
 @pytest.fixture(scope="module")
 def stream(event_driven, throws):
     """Versions that a learner published after each of some throws, and the learner."""
-    learner = OnlineLearner(event_driven, OPTIONS)
+    engine = CountingSimulator(event_driven)
+    learner = OnlineLearner(engine, OPTIONS)
     counts, published = [], []
     for observation in noisy_throws(throws, 24, 0):
-        before = learner.simulations
+        before = engine.points
         published.append(learner.learn_from(observation))
-        counts.append(learner.simulations - before)
+        counts.append(engine.points - before)
     return learner, published, counts
 
 
@@ -155,30 +171,19 @@ def test_what_has_moved_far_is_published_after_it_has_won(event_driven, throws, 
     setattr(state, name, Gaussian(before.precision, before.pull + before.precision @ far))
     state.unit = np.clip(state.prior.mean, 0.0, 1.0)
     for observation in observed[6:]:
-        learner._publish()
-        assert state.published.version == version
-        learner._process(observation)
+        assert not is_to_be_published(state)
+        learner._take(observation)
     assert state.compared == FEWEST_COMPARED
     again = OnlineState.from_json(state.to_json())
     assert again.challenger.equals(state.challenger)
     most = LARGEST_VOTE * state.compared
     won = wrong == "published"
     assert (0.0 < state.score <= most) if won else (-most <= state.score < 0.0)
-    learner._publish()
+    assert is_to_be_published(state) == won
+    if won:
+        publish(state, 0.1)
     assert state.published.version == version + won
     assert (state.compared, state.score) == (0, 0.0)
-
-
-def test_no_single_observation_decides_between_fits(monkeypatch):
-    # The second one explains three of four a little worse and the last one, which took another
-    # turn, by thousands better; then that one as well as it should.
-    evidences = [np.array([-1.0, -1.0, -1.0, -5000.0]), np.full(4, -2.5)]
-    monkeypatch.setattr(fits, "log_evidences", lambda task, fit, horizons: (evidences[fit.k], 0.0))
-    horizons = [SimpleNamespace(horizon=1.0)] * 4
-    both = [SimpleNamespace(k=k, observation_fits=lambda: horizons) for k in range(2)]
-    assert fits.most_evident(None, both) == 0
-    evidences[1][:3] = -1.5
-    assert fits.most_evident(None, both) == 1
 
 
 def test_forgets_with_the_time_constant(event_driven, throws):
@@ -186,10 +191,10 @@ def test_forgets_with_the_time_constant(event_driven, throws):
     (first,) = noisy_throws(throws, 1, 3)
     learner.learn_from(first)
     matrix = learner.state.posterior.precision.copy()
-    learner._forget_until(first.start_time + 10.0)
+    grow_older(learner.state, first.start_time + 10.0, 10.0)
     assert learner.state.posterior.precision == pytest.approx(matrix / np.e)
     # An observation that is older than the last one makes nothing younger.
-    learner._forget_until(first.start_time)
+    grow_older(learner.state, first.start_time, 10.0)
     assert learner.state.posterior.precision == pytest.approx(matrix / np.e)
 
 
@@ -287,23 +292,23 @@ def test_a_wrong_optimum_is_left_when_there_is_more_evidence(folded_glide, folde
 
 
 def test_a_refit_is_bounded(glide, gliding, monkeypatch):
-    monkeypatch.setattr(online_learner, "MOST_KEPT", 8)
+    monkeypatch.setattr(memory, "MOST_KEPT", 8)
     generator, counts = np.random.default_rng(18), []
-    learner = OnlineLearner(glide, OPTIONS)
+    engine = CountingSimulator(glide)
+    learner = OnlineLearner(engine, OPTIONS)
     for _ in range(32):
-        before = learner.simulations
+        before = engine.points
         learner.learn_from(gliding(generator, 0.8))
-        counts.append(learner.simulations - before)
+        counts.append(engine.points - before)
         assert len(learner.kept_observations) <= 8
     assert learner.state.next_refit == 64
     assert counts[31] < 1.5 * counts[15]
     # Each start takes one step where the time is over.
-    learner = OnlineLearner(glide, OPTIONS)
-    learner.learn_from_all([gliding(generator, 0.8) for _ in range(8)], lambda: 0.0)
-    hurried = learner.simulations
-    learner = OnlineLearner(glide, OPTIONS)
-    learner.learn_from_all([gliding(generator, 0.8) for _ in range(8)])
-    assert hurried < learner.simulations
+    first, second = CountingSimulator(glide), CountingSimulator(glide)
+    observed = [gliding(generator, 0.8) for _ in range(8)]
+    OnlineLearner(first, OPTIONS).learn_from_all(observed, lambda: 0.0)
+    OnlineLearner(second, OPTIONS).learn_from_all(observed)
+    assert first.points < second.points
 
 
 @pytest.mark.parametrize("away", [0.0, 0.3])
@@ -505,8 +510,8 @@ def test_given_knowledge_is_not_forgotten(glide, gliding):
     learner = OnlineLearner(glide, OnlineOptions(window=6, time_constant=10.0))
     learner.adopt(replace(given_restitution(0.5, 0.01, PRIOR), version=1), informed=True)
     matrix = learner.state.retired.precision.copy()
-    learner._forget_until(0.0)
-    learner._forget_until(1000.0)
+    grow_older(learner.state, 0.0, 10.0)
+    grow_older(learner.state, 1000.0, 10.0)
     assert matrix.any()
     assert learner.state.retired.precision == pytest.approx(matrix)
 
@@ -558,4 +563,4 @@ def test_a_state_that_cannot_be_read_only_takes_time(store, glide, gliding):
     learning = learn_all(store, glide)
     assert "cannot be read" in learning.problem
     assert learning.learner.state.processed == 3
-    assert json.loads(learning.learner.state.to_json())["processed"] == 3
+    assert OnlineState.from_json(learning.learner.state.to_json()).processed == 3

@@ -35,7 +35,7 @@ take 21 to 55."""
 CONTINUED_STEPS = 20
 """Joint steps of one that begins at an estimate; set by hand."""
 
-BEYOND = (0.5, np.inf)
+COMPARED_BEYOND = (0.5, np.inf)
 """Times beyond the longest fit horizons up to which fits from different starts are compared, s: on
 three chaotic sets these two together chose the better one more often than each alone."""
 
@@ -142,7 +142,7 @@ class JointFits:
         self._run(staged, REFIT_STEPS)
         for fit in continued:
             staged.jointly.add(fit)
-        staged.jointly.choose(BEYOND)
+        staged.jointly.choose(COMPARED_BEYOND)
         problem.take_over(staged.joint, with_spins=True)
         self._forget_what_disagrees()
         if len(problem.members) >= FEWEST_COMPARED:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +14,9 @@ from intuitive_physics_learner.joint_estimation.joint_fit import (
     JointFit,
     ObservationFit,
 )
+from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
 from intuitive_physics_learner.joint_estimation.several_starts import log_evidences
-from intuitive_physics_learner.online.online_state import Member, OnlineState
+from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask
 from intuitive_physics_learner.search.search_space import ActiveSpace
@@ -31,6 +33,10 @@ MISFIT_STEPS = 4
 """Number of last steps of a lone fit in which a misfit means that the motion cannot be explained
 farther: an advance beyond what can be explained ends in a misfit every other step or third."""
 
+FREE_SCANS = (2, 5)
+"""Numbers of steps after which a lone fit that knows nothing of θ_s scans each parameter; set by
+hand."""
+
 LARGEST_ADVANCE = 0.5
 """Largest advance of a fit horizon in one step, s: more than in a fit that begins with nothing, for
 what is known predicts farther; set by hand."""
@@ -41,6 +47,7 @@ class LoneFit:
 
     Attributes
     ----------
+    fit : to the observation, over the parameters that it can depend on
     blocked : whether the motion cannot be explained farther than `horizon`
     """
 
@@ -64,26 +71,34 @@ class LoneFit:
         settings = JointEstimationSettings(scan_steps=scans)
         if not careful:
             settings = replace(settings, largest_advance=LARGEST_ADVANCE)
-        self._fit = JointFit(self._task, settings)
+        self.fit = JointFit(self._task, settings)
         since = MISFIT_STEPS
         for _ in range(RETRY_STEPS if careful else LONE_STEPS):
-            if self._fit.settled:
+            if self.fit.settled:
                 break
-            self._fit.step()
-            since = 0 if self._fit.misfits else since + 1
+            self.fit.step()
+            since = 0 if self.fit.misfits else since + 1
         self.blocked = since < MISFIT_STEPS
+
+    @property
+    def observations(self) -> Sequence[Observation]:
+        """The observation, by its detections."""
+        return self._task.cost.observations
+
+    def knowing_nothing(self, state: OnlineState) -> LoneFit:
+        """Return a fit to the same observation that knows nothing of θ_s."""
+        nothing = Gaussian.within_bounds(state.prior.mean)
+        return LoneFit(self._task.cost, state, nothing, scans=FREE_SCANS)
 
     @property
     def observation_fit(self) -> ObservationFit:
         """Initial states and fit horizon."""
-        return self._fit.observation_fits()[0]
+        return self.fit.observation_fits()[0]
 
-    def member(self, observation: Observation, number: int) -> Member:
-        """Return its observation, the `number`-th, with what it says of all n parameters."""
-        (likelihood,) = self._fit.likelihoods(look_for_spins=True)
-        likelihood = replace(likelihood, parameters=self._parameters[likelihood.parameters])
-        stamp = observation.start_time
-        return Member(observation.id, number, stamp, self.observation_fit, likelihood)
+    def likelihood(self) -> LocalLikelihood:
+        """Return what the observation says of all n parameters, near the estimate."""
+        (likelihood,) = self.fit.likelihoods(look_for_spins=True)
+        return replace(likelihood, parameters=self._parameters[likelihood.parameters])
 
     def log_evidence(self, horizon: float, prior: Gaussian | None = None) -> float:
         """Return ln ∫ p(points up to a horizon | θ_s) p(θ_s) dθ_s by Laplace's approximation.
@@ -94,5 +109,5 @@ class LoneFit:
         task = self._task
         if prior is not None:
             task = replace(task, prior=prior.marginal(self._parameters))
-        of_points, of_parameters = log_evidences(task, self._fit, [horizon])
+        of_points, of_parameters = log_evidences(task, self.fit, [horizon])
         return float(of_points.sum()) + of_parameters

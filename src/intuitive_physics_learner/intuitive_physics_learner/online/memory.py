@@ -63,8 +63,7 @@ def let_go(state: OnlineState, member: Member) -> None:
     """Keep of an observation only what it says of the parameters."""
     state.retired = state.retired.plus([member.likelihood], [member.weight])
     state.retired_spins.add_all(member.likelihood.spins, member.weight)
-    state.window = [each for each in state.window if each is not member]
-    state.past = [each for each in state.past if each is not member]
+    state.drop(member)
 
 
 def _worth(member: Member, covariance: NDArray[np.float64]) -> float:

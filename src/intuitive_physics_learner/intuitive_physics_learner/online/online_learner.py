@@ -9,6 +9,7 @@ known then is published (`publication`).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,11 +22,17 @@ from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.joint_estimation.point_noise import detected
 from intuitive_physics_learner.joint_estimation.spin_evidence import SpinEvidence
 from intuitive_physics_learner.online.change_point import forget_what_changed
-from intuitive_physics_learner.online.doubt import reason_for_doubt, set_aside, take_back
+from intuitive_physics_learner.online.doubt import (
+    reason_for_doubt,
+    set_aside,
+    set_aside_disturbed,
+    signs_of,
+    take_back,
+)
 from intuitive_physics_learner.online.joint_fits import JointFits
 from intuitive_physics_learner.online.lone_fit import LoneFit
 from intuitive_physics_learner.online.memory import RECENT, grow_older, let_go_of_old, retire
-from intuitive_physics_learner.online.online_state import OnlineState
+from intuitive_physics_learner.online.online_state import Member, OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.publication import (
     count_prediction,
@@ -106,10 +113,13 @@ class OnlineLearner:
             if observation.id not in kept:
                 kept.add(observation.id)
                 assessments += self._take(observation)
+        assessments += set_aside_disturbed(state)
         assessments += self._examine_again()
         let_go_of_old(state, self._options.time_constant)
         if state.refit_is_due:
-            fits.refit(self._recalled())
+            there = self._recalled(state.past)
+            state.past = [member for member in state.past if member.id in there]
+            fits.refit(there)
             retire(state, self._options.window)
         else:
             retire(state, self._options.window)
@@ -178,13 +188,18 @@ class OnlineLearner:
             state.set_aside += 1
             return [Assessment(observation.id, 0.0, str(error), DOUBTFUL)]
         self._observations[observation.id] = observation
-        doubt = reason_for_doubt(state, cost, fit)
+        signs = signs_of(fit, self._simulator)
+        doubt = reason_for_doubt(state, fit, signs, self._simulator)
         if doubt is None or not doubt.disturbed:
             count_prediction(state, fit)
+        if doubt is not None:
+            fit, signs = doubt.fit, doubt.signs
+        number, stamp = state.processed, observation.start_time
+        member = Member(observation.id, number, stamp, fit.observation_fit, fit.likelihood(), signs)
         if doubt is None:
-            state.window.append(fit.member(observation, state.processed))
+            state.window.append(member)
             return []
-        set_aside(state, doubt.fit.member(observation, state.processed))
+        set_aside(state, member)
         return [doubt.assessment]
 
     def _examine_again(self) -> list[Assessment]:
@@ -193,12 +208,14 @@ class OnlineLearner:
         if not state.doubtful or state.doubtful[0].number > state.processed - RECENT:
             return []
         member = state.doubtful.pop(0)
-        observation = self._observations[member.id]
-        fit = LoneFit(self._cost([detected(observation)]), state, state.prior)
-        if fit.blocked:
+        cost = self._cost([detected(self._observations[member.id])])
+        fit = LoneFit(cost, state, state.prior)
+        signs = signs_of(fit, self._simulator)
+        if reason_for_doubt(state, fit, signs, self._simulator) is not None:
             state.doubtful.append(member)
             return []
-        return [take_back(state, fit.member(observation, member.number))]
+        known = replace(member, fit=fit.observation_fit, likelihood=fit.likelihood(), signs=signs)
+        return [take_back(state, known)]
 
     def _follow_change(self, fits: JointFits) -> list[Assessment]:
         """Forget parameters that have changed, and learn them again from what came since."""
@@ -217,15 +234,11 @@ class OnlineLearner:
         state.win_trial(length)
         return assessments
 
-    def _recalled(self) -> dict[str, Observation]:
-        """Return all observations that are kept, by id; those that are gone are not kept."""
-        state = self.state
-        missing = [member.id for member in state.past if member.id not in self._observations]
-        recalled = dict(self._observations)
-        if missing and self._recall is not None:
-            recalled.update((observation.id, observation) for observation in self._recall(missing))
-        state.past = [member for member in state.past if member.id in recalled]
-        return recalled
+    def _recalled(self, members: Iterable[Member]) -> dict[str, Observation]:
+        """Return observations by id: those at hand, and earlier ones as far as they are there."""
+        missing = [member.id for member in members if member.id not in self._observations]
+        found = self._recall(missing) if missing and self._recall is not None else ()
+        return self._observations | {observation.id: observation for observation in found}
 
     def _cost(self, observations: Sequence[Observation]) -> TrajectoryCost:
         return TrajectoryCost(observations, self._simulator, self.state.materials)
@@ -236,7 +249,9 @@ class OnlineLearner:
         return float(cost.costs([self.state.parameters])[0])
 
     def _drop_observations(self) -> None:
-        state = self.state
+        """Keep the observations that the state needs, those that were set aside included."""
+        state, there = self.state, self._recalled(self.state.doubtful)
+        state.doubtful = [member for member in state.doubtful if member.id in there]
         past = [] if self._recall else state.past
         members = (*past, *state.window, *state.doubtful)
-        self._observations = {member.id: self._observations[member.id] for member in members}
+        self._observations = {member.id: there[member.id] for member in members}

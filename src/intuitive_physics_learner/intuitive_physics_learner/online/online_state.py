@@ -33,7 +33,7 @@ from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
-FORMAT = "intuitive_physics/online_state/4"
+FORMAT = "intuitive_physics/online_state/5"
 """Format of the JSON text, which every text names."""
 
 
@@ -53,6 +53,24 @@ class ChangePoint:
     probability: float
 
 
+@dataclass(frozen=True)
+class Signs:
+    """Signs of an observation that it was disturbed.
+
+    Parameters
+    ----------
+    log_p : logarithm of its p value by laws of motion that hold for every θ_s
+    violated : the law that is violated worst, and when; empty: none is
+    misfit : loss per point of what undisturbed motions explain worst, 1.5 where only noise is left
+    time : s after the start, where that begins
+    """
+
+    log_p: float
+    violated: str
+    misfit: float
+    time: float
+
+
 @dataclass(eq=False)
 class Member:
     """An observation that is kept.
@@ -65,6 +83,7 @@ class Member:
     fit : from which the next fit begins
     likelihood : of θ_s, from this observation alone where it is doubtful, else from the last joint
         fit
+    signs : of having been disturbed
     weight : with which it counts; 0 where it is doubtful
     """
 
@@ -73,6 +92,7 @@ class Member:
     stamp: float
     fit: ObservationFit
     likelihood: LocalLikelihood
+    signs: Signs
     weight: float = 1.0
 
 
@@ -102,8 +122,6 @@ class OnlineState:
     compared : number of these observations
     processed : observations so far
     set_aside : of these, how many are doubtful
-    explained, met : number of observations that could be explained to their end, or as far as they
-        can be predicted, and of all, both with forgetting
     changes : last changes that were noticed, and how many observations there were before each
     time : s, the latest start time of an observation
     position : revision of the store up to which observations are known
@@ -131,8 +149,6 @@ class OnlineState:
     compared: int = 0
     processed: int = 0
     set_aside: int = 0
-    explained: float = 0.0
-    met: float = 0.0
     changes: list[tuple[ChangePoint, int]] = field(default_factory=list)
     time: float | None = None
     position: int = 0
@@ -160,6 +176,11 @@ class OnlineState:
     def count_from(self, count: int) -> None:
         """Let the last `count` observations be the first, after which the next refit is due."""
         self.begun, self.next_refit = self.used - count, max(2 * count, 1)
+
+    def drop(self, member: Member) -> None:
+        """Keep an observation no longer."""
+        self.window = [each for each in self.window if each is not member]
+        self.past = [each for each in self.past if each is not member]
 
     def before_window(self) -> Gaussian:
         """Return what is known without the observations of the window."""
@@ -305,6 +326,7 @@ _CLASSES = {
         ObservationFit,
         LocalLikelihood,
         Gaussian,
+        Signs,
         ChangePoint,
         LearnedParameters,
         SpinEvidence,

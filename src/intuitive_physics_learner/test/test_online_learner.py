@@ -339,6 +339,23 @@ def test_a_wrong_optimum_is_left_when_there_is_more_evidence(folded_glide, folde
     assert estimates()[-1][0] == pytest.approx(folded_glide.wrong, abs=0.02)
 
 
+def test_optima_that_data_cannot_tell_apart_widen_what_is_published(glide, gliding):
+    # f(e) = 0.64 - |e - ½|: both e = 0.42 and e = 0.58 give the 0.56 observed.
+    generator = np.random.default_rng(23)
+    observed = [gliding(generator, 0.56) for _ in range(4)]
+    learner = OnlineLearner(type(glide)(lambda e: 0.64 - abs(e - 0.5)), OPTIONS)
+    learner.learn_from_all(observed)
+    value, deviation = restitution(learner.state.published)
+    assert abs(value - 0.5) == pytest.approx(0.08, abs=0.01)
+    # Of the fits, from two to four, at least one ends at each.
+    assert 0.16 / 2.0 < deviation < 0.16
+    assert OnlineState.from_json(learner.state.to_json()).spread.any()
+    alone = OnlineLearner(glide, OPTIONS)
+    alone.learn_from_all(observed)
+    value, deviation = restitution(alone.state.published)
+    assert abs(value - 0.56) < 4.0 * deviation < 0.02
+
+
 def test_a_refit_is_bounded(glide, gliding, monkeypatch):
     monkeypatch.setattr(memory, "MOST_KEPT", 8)
     generator, counts = np.random.default_rng(18), []

@@ -97,7 +97,7 @@ def compared_evidences(
     steps: int = SCORING_STEPS,
     beyond: Sequence[float] = (0.0,),
 ) -> NDArray[np.float64]:
-    """Return the log evidences (n_fits,) of fits, summed over times up to which points count.
+    """Return the log evidences (n_fits,) of fits, the mean over times up to which points count.
 
     These are `beyond`, in s, after the longest horizon of each observation: up to the horizons of
     one fit that one would have the advantage, as that is where it explains the motion. Each time a
@@ -111,7 +111,7 @@ def compared_evidences(
         of_points = np.array([points for points, _ in parts])
         votes = np.maximum(of_points, of_points.max(axis=0) - LARGEST_VOTE)
         total += votes.sum(axis=1) + [of_parameters for _, of_parameters in parts]
-    return total
+    return total / len(beyond)
 
 
 class SeveralStarts:

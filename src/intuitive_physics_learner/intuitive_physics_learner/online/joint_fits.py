@@ -142,7 +142,8 @@ class JointFits:
         self._run(staged, REFIT_STEPS)
         for fit in continued:
             staged.jointly.add(fit)
-        staged.jointly.choose(COMPARED_BEYOND)
+        state.spread = np.zeros(state.unit.size)
+        state.spread[problem.parameters] = staged.jointly.choose(COMPARED_BEYOND)
         problem.take_over(staged.joint, with_spins=True)
         self._forget_what_disagrees()
         if len(problem.members) >= FEWEST_COMPARED:

@@ -149,6 +149,7 @@ class OnlineLearner:
         state.ground = information if informed else state.given()
         state.retired = state.posterior = state.ground
         state.window, state.past, state.doubtful = [], [], []
+        state.spread = np.zeros(state.unit.size)
         state.count_from(0)
         state.retired_spins = SpinEvidence.about(
             whole.initial_spins if informed else InitialSpins()

@@ -109,6 +109,8 @@ class OnlineState:
         search, on which every fit rests
     retired : with what is known from observations that are not kept any more
     posterior : with all that are kept
+    spread : (n,) widths², how far fits from other starts were from the best one at the last refit,
+        each weighted by its evidence
     window : observations that are fitted jointly
     past : observations that have left the window, the newest last, whose likelihoods are linear
         until all that are kept are fitted again
@@ -139,6 +141,7 @@ class OnlineState:
     ground: Gaussian
     retired: Gaussian
     posterior: Gaussian
+    spread: NDArray[np.float64]
     window: list[Member] = field(default_factory=list)
     past: list[Member] = field(default_factory=list)
     doubtful: list[Member] = field(default_factory=list)
@@ -196,6 +199,7 @@ class OnlineState:
         What a user gave stays. `parameters` (k,) their indices; `ground`: whether what was known
         before all observations is forgotten as well.
         """
+        self.spread[parameters] = 0.0
         if ground:
             self.ground = self.ground.without(parameters).joined(self.given().part(parameters))
         self.retired = self.retired.without(parameters).joined(self.ground.part(parameters))
@@ -281,8 +285,10 @@ class OnlineState:
         space = ParameterSpace(together, self.space.bounds)
         centre = space.to_unit(LearnedParameters.defaults(together).parameters)
         unit = centre.copy()
-        centre[places], unit[places] = self.centre, self.unit
+        spread = np.zeros(centre.size)
+        centre[places], unit[places], spread[places] = self.centre, self.unit, self.spread
         self.materials, self.centre, self.unit = together, centre, unit
+        self.spread = spread
         for name in ("ground", "retired", "posterior", "published_information", "challenger"):
             information = getattr(self, name)
             if information is not None:
@@ -298,7 +304,7 @@ class OnlineState:
         """Before any observation."""
         nothing = np.zeros(0)
         nothings = Gaussian.nothing(0), Gaussian.nothing(0), Gaussian.nothing(0)
-        return OnlineState((), nothing, nothing.copy(), *nothings)
+        return OnlineState((), nothing, nothing.copy(), *nothings, nothing.copy())
 
     def to_json(self) -> str:
         """Return it as JSON text, every number to its last digit."""

@@ -81,8 +81,7 @@ def is_to_be_published(state: OnlineState) -> bool:
 
 def publish(state: OnlineState, cost: float) -> None:
     """Publish the estimate; `cost` is its J in m over the window."""
-    state.published = next_version(state, cost)
-    state.published_information = state.posterior
+    state.published, state.published_information = next_version(state, cost), _widened(state)
     state.end_trial()
 
 
@@ -113,7 +112,7 @@ def next_version(state: OnlineState, cost: float) -> LearnedParameters:
     """Return the estimate as the next version of θ_s."""
     space, held, published = state.space, state.held, state.published
     parameters, widths = state.parameters, _deviations(state)
-    information = widened_information(state.posterior.precision, np.ones(widths.size), widths)
+    information = _widened(state).precision
     identified = held | (widths < LARGEST_DEVIATION)
     slopes = space.slopes(state.unit)
     covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(widths.size))
@@ -169,16 +168,30 @@ def _differs(state: OnlineState, before: Gaussian) -> NDArray[np.bool_]:
     return moved | (np.abs(deviations / before.deviations - 1.0) > SMALLEST_NARROWING)
 
 
+def _widened(state: OnlineState) -> Gaussian:
+    """Return what is known, with the deviations that are published."""
+    widths, mean = _deviations(state), state.prior.mean
+    factors = widths / state.prior.deviations
+    information = widened_information(state.posterior.precision, factors, widths)
+    # Its mean is the same once the bounds count.
+    pull = information @ mean + UNIFORM_PRECISION * (mean - state.centre)
+    return Gaussian(information, pull)
+
+
 def _deviations(state: OnlineState) -> NDArray[np.float64]:
-    """Standard deviations (n,), widths, at least those by leaving out each of the window."""
-    variances = jackknife_variances(
+    """Standard deviations (n,), widths, that are published.
+
+    At least those by leaving out each observation of the window, and with the spread of fits from
+    several starts.
+    """
+    left_out = jackknife_variances(
         state.posterior,
         state.centre,
         [member.likelihood for member in state.window],
         np.array([member.weight for member in state.window]),
     )
-    variances = np.minimum(variances, 1.0 / UNIFORM_PRECISION)
-    return np.maximum(state.prior.deviations, np.sqrt(variances))
+    variances = np.maximum(state.prior.deviations**2, left_out) + state.spread
+    return np.sqrt(np.minimum(variances, 1.0 / UNIFORM_PRECISION))
 
 
 def _has_near_challenger(state: OnlineState) -> bool:

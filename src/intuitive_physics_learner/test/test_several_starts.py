@@ -149,6 +149,22 @@ def test_no_single_observation_decides_between_two_fits(stated):
     assert np.argmax(compared_evidences(None, (first, other))) == 1
 
 
+def test_no_fit_has_the_advantage_of_its_own_horizon(stated, monkeypatch):
+    # Up to the horizons the first one explains more; a little beyond, where it ends, far less.
+    first, second = stated(0.0, 0.0, 0.0), stated(-1.0, -1.0, -1.0)
+    ahead = {1.0: 0.0, 1.5: 9.0}
+    monkeypatch.setattr(
+        several_starts,
+        "log_evidences",
+        lambda task, fit, horizons, steps: (
+            fit.evidences - (fit is first) * ahead[horizons[0]],
+            0.0,
+        ),
+    )
+    assert np.argmax(compared_evidences(None, (first, second))) == 0
+    assert np.argmax(compared_evidences(None, (first, second), beyond=(0.0, 0.5))) == 1
+
+
 @given(st.lists(st.lists(st.floats(-1e4, 1e2), min_size=3, max_size=3), min_size=2, max_size=5))
 def test_votes_are_bounded_and_the_difference_of_two_is_clipped(drawn):
     made = [SimpleNamespace(observation_fits=lambda: [SimpleNamespace(horizon=1.0)]) for _ in drawn]

@@ -35,7 +35,7 @@ from intuitive_physics_learner.assessment.motion_laws import (
     rest_violation,
 )
 from intuitive_physics_learner.assessment.reasons import Reason
-from intuitive_physics_learner.assessment.tracks import Track, tracks_of
+from intuitive_physics_learner.assessment.tracks import tracks_of
 from intuitive_physics_learner.joint_estimation.point_noise import detected, track_noises
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
 
@@ -84,31 +84,46 @@ def assess_observations(
     clean : the observations, those that are doubtful up to where they were disturbed
     assessments : of each, in the same order
     """
-    tested = [detected(observation) for observation in observations]
-    noises = track_noises(tested)
-    all_violations = [
-        _violations(tracks_of(observation, [each.whitening for each in noise]))
-        for observation, noise in zip(tested, noises, strict=True)
-    ]
-    log_ps = np.array([_least(violations) for violations in all_violations])
+    all_violations = violations_of(observations)
+    log_ps = np.array([least_log_p(violations) for violations in all_violations])
     weights = good_probabilities(log_ps)
     clean, assessments = [], []
     for observation, violations, weight in zip(
         observations, all_violations, weights.tolist(), strict=True
     ):
-        if weight >= LEAST_GOOD or observation.id in trusted:
-            clean.append(observation)
-            assessments.append(Assessment(observation.id, weight, "", USED))
-            continue
-        worst = min(violations, key=lambda violation: violation.log_p)
-        limit = max(0.5 * worst.log_p, LEAST_NOTABLE)
-        notable = [violation for violation in violations if violation.log_p <= limit]
-        first = min(notable, key=lambda violation: violation.clean_until)
-        began = min(float(each.trajectory.times[0]) for each in observation.objects)
-        reason = worst.what.at(worst.time - began)
-        clean.append(clean_part(observation, first.clean_until))
-        assessments.append(Assessment(observation.id, weight, reason, DOUBTFUL))
+        good = weight >= LEAST_GOOD or observation.id in trusted
+        assessments.append(assessed_by_laws(observation, () if good else violations, weight))
+        clean.append(observation if good else clean_part(observation, _clean_until(violations)))
     return clean, assessments
+
+
+def violations_of(observations: Sequence[Observation]) -> list[list[Violation]]:
+    """Test laws of motion on each observation."""
+    tested = [detected(observation) for observation in observations]
+    tracks = [
+        tracks_of(observation, [each.whitening for each in noise])
+        for observation, noise in zip(tested, track_noises(tested), strict=True)
+    ]
+    laws = (jump_violation, flight_violation, rest_violation)
+    tests = [[law(track) for track in each for law in laws] for each in tracks]
+    return [[violation for violation in each if violation is not None] for each in tests]
+
+
+def assessed_by_laws(
+    observation: Observation, violations: Sequence[Violation], weight: float
+) -> Assessment:
+    """Assess an observation, by its probability of being good; no violations: it is used."""
+    if not violations:
+        return Assessment(observation.id, weight, "", USED)
+    worst = min(violations, key=lambda violation: violation.log_p)
+    began = min(float(each.trajectory.times[0]) for each in observation.objects)
+    return Assessment(observation.id, weight, worst.what.at(worst.time - began), DOUBTFUL)
+
+
+def _clean_until(violations: Sequence[Violation]) -> float:
+    """Time in s, on the clock of the trajectories, up to which an observation is used."""
+    limit = max(0.5 * min(violation.log_p for violation in violations), LEAST_NOTABLE)
+    return min(each.clean_until for each in violations if each.log_p <= limit)
 
 
 def reassessed(
@@ -179,13 +194,7 @@ def _cut(observed: ObservedObject, until: float, start: float) -> ObservedObject
     return replace(observed, trajectory=trajectory, detections=detections)
 
 
-def _violations(tracks: Sequence[Track]) -> list[Violation]:
-    laws = (jump_violation, flight_violation, rest_violation)
-    violations = [law(track) for track in tracks for law in laws]
-    return [violation for violation in violations if violation is not None]
-
-
-def _least(violations: Sequence[Violation]) -> float:
+def least_log_p(violations: Sequence[Violation]) -> float:
     """Return the logarithm of the p value of the worst of all tests (Bonferroni)."""
     if not violations:
         return 0.0

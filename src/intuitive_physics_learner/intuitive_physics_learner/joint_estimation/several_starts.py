@@ -92,20 +92,26 @@ def log_evidences(
 
 
 def compared_evidences(
-    task: FitTask, fits: Sequence[JointFit], steps: int = SCORING_STEPS
+    task: FitTask,
+    fits: Sequence[JointFit],
+    steps: int = SCORING_STEPS,
+    beyond: Sequence[float] = (0.0,),
 ) -> NDArray[np.float64]:
-    """Return the log evidences (n_fits,) of fits, up to the longest horizon of each observation.
+    """Return the log evidences (n_fits,) of fits, the mean over times up to which points count.
 
-    A single observation counts up to `LARGEST_VOTE` below the fit that explains it best: beyond
-    where a fit explains it, it differs by thousands, and that says only that the fit took a wrong
-    turn.
+    These are `beyond`, in s, after the longest horizon of each observation: up to the horizons of
+    one fit that one would have the advantage, as that is where it explains the motion. Each time a
+    single observation counts up to `LARGEST_VOTE` below the fit that explains it best: beyond where
+    a fit explains it, it differs by thousands, and that says only that the fit took a wrong turn.
     """
     all_horizons = [[each.horizon for each in fit.observation_fits()] for fit in fits]
-    horizons = np.max(all_horizons, axis=0).tolist()
-    parts = [log_evidences(task, fit, horizons, steps) for fit in fits]
-    of_points = np.array([points for points, _ in parts])
-    votes = np.maximum(of_points, of_points.max(axis=0) - LARGEST_VOTE)
-    return np.asarray(votes.sum(axis=1) + np.array([of_parameters for _, of_parameters in parts]))
+    longest, total = np.max(all_horizons, axis=0), np.zeros(len(fits))
+    for farther in beyond:
+        parts = [log_evidences(task, fit, longest + farther, steps) for fit in fits]
+        of_points = np.array([points for points, _ in parts])
+        votes = np.maximum(of_points, of_points.max(axis=0) - LARGEST_VOTE)
+        total += votes.sum(axis=1) + [of_parameters for _, of_parameters in parts]
+    return total / len(beyond)
 
 
 class SeveralStarts:
@@ -176,14 +182,19 @@ class SeveralStarts:
         """Drop all fits but the first, before a step is taken."""
         self.fits, self.starts = self.fits[:1], self.starts[:1]
 
-    def choose(self) -> NDArray[np.float64]:
+    def add(self, fit: JointFit) -> None:
+        """Let another fit to the same observations be chosen from, too."""
+        self.fits.append(fit)
+        self.starts = np.vstack([self.starts, fit.unit])
+
+    def choose(self, beyond: Sequence[float] = (0.0,)) -> NDArray[np.float64]:
         """Let the fit of the largest evidence be the best, and return how far others are from it.
 
-        Returns (n,) widths², the mean square of their differences, each fit weighted by its
-        evidence.
+        `beyond` in s, as in `compared_evidences`. Returns (n,) widths², the mean square of their
+        differences, each fit weighted by its evidence.
         """
         if len(self.fits) > 1:
-            evidences = self._order(compared_evidences(self.task, self.fits))
+            evidences = self._order(compared_evidences(self.task, self.fits, beyond=beyond))
             weights = np.exp(evidences - evidences[0])
             apart = np.array([fit.unit for fit in self.fits]) - self.best.unit
             self.spread = weights @ apart**2 / weights.sum()

@@ -5,7 +5,7 @@ published; `StoredOnlineLearning` does so from a store; `background_learning` in
 own.
 """
 
-from intuitive_physics_learner.online.fits import LoneFit
+from intuitive_physics_learner.online.lone_fit import LoneFit
 from intuitive_physics_learner.online.online_learner import OnlineLearner
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions

@@ -27,33 +27,79 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
 from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
+from intuitive_physics_learner.online.memory import RECENT, age_weight, let_go
+from intuitive_physics_learner.online.online_state import ChangePoint, Member, OnlineState
+from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.search.gaussian import Gaussian
+
+FEWEST_CHANGED = 4
+"""Observations that must agree on a change: fewer may be disturbed alike by chance."""
+
+LARGEST_CHANGE_COUNT = 10
+"""Largest number of changes that are kept."""
+
+OUTWEIGHED = 0.01
+"""Rate of false alarms where what is remembered counts less than what is set aside, so that it no
+longer is what most observations agree on."""
 
 AGREEMENT = 0.01
 """Probability under which the median observation does not agree with the others."""
 
 
-@dataclass(frozen=True)
-class ChangePoint:
-    """A change that was noticed.
+def forget_what_changed(state: OnlineState, options: OnlineOptions) -> list[Member] | None:
+    """Forget the parameters of a pair that have changed, and all observations before the change.
 
-    Parameters
-    ----------
-    pair : of materials, whose parameters changed
-    length : number of the last observations, when it was noticed, that were made after it
-    probability : of so large a ratio without a change
+    Returns the doubtful observations after it, which agree with it; None where nothing is noticed.
     """
+    newest = state.processed - RECENT
+    kept = [each for each in (*state.window, *state.doubtful) if each.number > newest]
+    kept.sort(key=lambda member: member.number)
+    families = state.families
+    change = find_change(
+        state.posterior,
+        state.centre,
+        [(member.likelihood, member.weight) for member in kept],
+        families,
+        {pair: _count_of(state, parameters) for pair, parameters in families.items()},
+        OUTWEIGHED if _is_outweighed(state, options) else options.false_alarm_rate,
+        FEWEST_CHANGED,
+    )
+    if change is None:
+        return None
+    state.changes.append((change, state.processed - change.length))
+    del state.changes[:-LARGEST_CHANGE_COUNT]
+    after = kept[-change.length :]
+    for member in state.kept:
+        if member not in after:
+            let_go(state, member)
+    state.forget_pair(families[change.pair], ground=True)
+    return [member for member in state.doubtful if member in after]
 
-    pair: tuple[str, ...]
-    length: int
-    probability: float
+
+def _is_outweighed(state: OnlineState, options: OnlineOptions) -> bool:
+    """Whether what is remembered counts less, by its age, than what is set aside.
+
+    Not before observations are forgotten: until then what is known is what most agree on.
+    """
+    remembered, doubtful = (
+        sum(age_weight(state, member, options.time_constant) for member in members)
+        for members in (state.kept, state.doubtful)
+    )
+    return options.time_constant > 0.0 and doubtful > remembered
+
+
+def _count_of(state: OnlineState, parameters: NDArray[np.int64]) -> int:
+    """Number of observations that inform some parameters; retired ones are enough."""
+    retired = state.retired.precision[np.ix_(parameters, parameters)].any()
+    dependent = [member.likelihood.parameters for member in state.kept]
+    count = sum(bool(np.isin(each, parameters).any()) for each in dependent)
+    return count + (RECENT if retired else 0)
 
 
 def chi_square_tail(value: float, degrees: int) -> float:

@@ -2,34 +2,73 @@
 
 from __future__ import annotations
 
-import base64
 import json
-import zlib
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
-from intuitive_physics.materials import StaticParameters, parameter_places
+from intuitive_physics.materials import (
+    PAIR_COEFFICIENTS,
+    StaticParameters,
+    material_pairs,
+    parameter_places,
+)
+from intuitive_physics.observation import Observation
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, ParameterSpace, parameter_vector
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics_learner.joint_estimation.joint_fit import ObservationFit
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, ObservationFit
 from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
 from intuitive_physics_learner.joint_estimation.spin_evidence import (
     SpinEvidence,
     SpinLikelihood,
 )
-from intuitive_physics_learner.online.change_point import ChangePoint
+from intuitive_physics_learner.online.encoding import decoded, encoded
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
-FORMAT = "intuitive_physics/online_state/3"
+FORMAT = "intuitive_physics/online_state/5"
 """Format of the JSON text, which every text names."""
+
+
+@dataclass(frozen=True)
+class ChangePoint:
+    """A change that was noticed.
+
+    Parameters
+    ----------
+    pair : of materials, whose parameters changed
+    length : number of the last observations, when it was noticed, that were made after it
+    probability : of so large a ratio without a change
+    """
+
+    pair: tuple[str, ...]
+    length: int
+    probability: float
+
+
+@dataclass(frozen=True)
+class Signs:
+    """Signs of an observation that it was disturbed.
+
+    Parameters
+    ----------
+    log_p : logarithm of its p value by laws of motion that hold for every θ_s
+    violated : the law that is violated worst, and when; empty: none is
+    misfit : loss per point of what undisturbed motions explain worst, 1.5 where only noise is left
+    time : s after the start, where that begins
+    """
+
+    log_p: float
+    violated: str
+    misfit: float
+    time: float
 
 
 @dataclass(eq=False)
@@ -44,6 +83,7 @@ class Member:
     fit : from which the next fit begins
     likelihood : of θ_s, from this observation alone where it is doubtful, else from the last joint
         fit
+    signs : of having been disturbed
     weight : with which it counts; 0 where it is doubtful
     """
 
@@ -52,6 +92,7 @@ class Member:
     stamp: float
     fit: ObservationFit
     likelihood: LocalLikelihood
+    signs: Signs
     weight: float = 1.0
 
 
@@ -68,6 +109,8 @@ class OnlineState:
         search, on which every fit rests
     retired : with what is known from observations that are not kept any more
     posterior : with all that are kept
+    spread : (n,) widths², how far fits from other starts were from the best one at the last refit,
+        each weighted by its evidence
     window : observations that are fitted jointly
     past : observations that have left the window, the newest last, whose likelihoods are linear
         until all that are kept are fitted again
@@ -81,8 +124,6 @@ class OnlineState:
     compared : number of these observations
     processed : observations so far
     set_aside : of these, how many are doubtful
-    explained, met : number of observations that could be explained to their end, or as far as they
-        can be predicted, and of all, both with forgetting
     changes : last changes that were noticed, and how many observations there were before each
     time : s, the latest start time of an observation
     position : revision of the store up to which observations are known
@@ -100,6 +141,7 @@ class OnlineState:
     ground: Gaussian
     retired: Gaussian
     posterior: Gaussian
+    spread: NDArray[np.float64]
     window: list[Member] = field(default_factory=list)
     past: list[Member] = field(default_factory=list)
     doubtful: list[Member] = field(default_factory=list)
@@ -110,8 +152,6 @@ class OnlineState:
     compared: int = 0
     processed: int = 0
     set_aside: int = 0
-    explained: float = 0.0
-    met: float = 0.0
     changes: list[tuple[ChangePoint, int]] = field(default_factory=list)
     time: float | None = None
     position: int = 0
@@ -140,6 +180,11 @@ class OnlineState:
         """Let the last `count` observations be the first, after which the next refit is due."""
         self.begun, self.next_refit = self.used - count, max(2 * count, 1)
 
+    def drop(self, member: Member) -> None:
+        """Keep an observation no longer."""
+        self.window = [each for each in self.window if each is not member]
+        self.past = [each for each in self.past if each is not member]
+
     def before_window(self) -> Gaussian:
         """Return what is known without the observations of the window."""
         return self.retired.plus(*_likelihoods(self.past))
@@ -154,6 +199,7 @@ class OnlineState:
         What a user gave stays. `parameters` (k,) their indices; `ground`: whether what was known
         before all observations is forgotten as well.
         """
+        self.spread[parameters] = 0.0
         if ground:
             self.ground = self.ground.without(parameters).joined(self.given().part(parameters))
         self.retired = self.retired.without(parameters).joined(self.ground.part(parameters))
@@ -161,6 +207,10 @@ class OnlineState:
     def begin_trial(self) -> None:
         """Let what is known now stand against what is published."""
         self.challenger, self.score, self.compared = self.posterior, 0.0, 0
+
+    def win_trial(self, count: int) -> None:
+        """Let what is known now have won, by `count` observations that were compared already."""
+        self.challenger, self.score, self.compared = self.posterior, count * LARGEST_VOTE, count
 
     def end_trial(self) -> None:
         """Let nothing stand against what is published."""
@@ -172,6 +222,19 @@ class OnlineState:
         for member in self.kept:
             evidence.add_all(member.likelihood.spins, member.weight)
         return evidence.initial_spins()
+
+    @property
+    def families(self) -> dict[tuple[str, ...], NDArray[np.int64]]:
+        """Indices (k,) of the parameters of each pair of materials."""
+        first, each = len(self.materials), len(PAIR_COEFFICIENTS)
+        return {
+            pair: first + each * k + np.arange(each)
+            for k, pair in enumerate(material_pairs(self.materials))
+        }
+
+    def influence(self, observations: Sequence[Observation]) -> NDArray[np.bool_]:
+        """Which observation depends on which parameter that is not held, (n_observations, n)."""
+        return np.asarray(parameter_influence(observations, self.materials) & ~self.held)
 
     @property
     def space(self) -> ParameterSpace:
@@ -222,9 +285,11 @@ class OnlineState:
         space = ParameterSpace(together, self.space.bounds)
         centre = space.to_unit(LearnedParameters.defaults(together).parameters)
         unit = centre.copy()
-        centre[places], unit[places] = self.centre, self.unit
+        spread = np.zeros(centre.size)
+        centre[places], unit[places], spread[places] = self.centre, self.unit, self.spread
         self.materials, self.centre, self.unit = together, centre, unit
-        for name in _INFORMATION:
+        self.spread = spread
+        for name in ("ground", "retired", "posterior", "published_information", "challenger"):
             information = getattr(self, name)
             if information is not None:
                 setattr(self, name, information.among(places, centre.size))
@@ -239,151 +304,44 @@ class OnlineState:
         """Before any observation."""
         nothing = np.zeros(0)
         nothings = Gaussian.nothing(0), Gaussian.nothing(0), Gaussian.nothing(0)
-        return OnlineState((), nothing, nothing.copy(), *nothings)
+        return OnlineState((), nothing, nothing.copy(), *nothings, nothing.copy())
 
     def to_json(self) -> str:
         """Return it as JSON text, every number to its last digit."""
-        data = {
-            "format": FORMAT,
-            **{name: getattr(self, name) for name in _PLAIN},
-            **{name: encode_array(getattr(self, name)) for name in _ARRAYS},
-            **{name: _information_data(getattr(self, name)) for name in _INFORMATION},
-            **{name: [_member_data(member) for member in getattr(self, name)] for name in MEMBERS},
-            "retired_spins": self.retired_spins.to_dict(),
-            "changes": [{**asdict(change), "before": before} for change, before in self.changes],
-            "published": None if self.published is None else self.published.to_dict(),
-        }
-        return json.dumps(data, allow_nan=False)
+        return json.dumps({"format": FORMAT, "state": encoded(self)}, allow_nan=False)
 
     @staticmethod
     def from_json(text: str) -> OnlineState:
         """Read what `to_json` wrote."""
         try:
             data = json.loads(text)
-            if data["format"] != FORMAT:
-                raise InvalidInputError(
-                    f"state of on-line learning has the format {data['format']!r}; expected "
-                    f"{FORMAT!r}"
-                )
-            published = data["published"]
-            return OnlineState(
-                **{
-                    **{name: data[name] for name in _PLAIN},
-                    "retired_spins": SpinEvidence.from_dict(data["retired_spins"]),
-                    "materials": tuple(data["materials"]),
-                    **{name: decode_array(data[name]) for name in _ARRAYS},
-                    **{name: _read_information(data[name]) for name in _INFORMATION},
-                    **{name: [_read_member(member) for member in data[name]] for name in MEMBERS},
-                    "changes": [_read_change(change) for change in data["changes"]],
-                    "published": published and LearnedParameters.from_dict(published),
-                }
-            )
+            if data["format"] == FORMAT:
+                return cast(OnlineState, decoded(data["state"], _CLASSES))
         except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
             raise InvalidInputError(f"state of on-line learning cannot be read: {error}") from None
+        raise InvalidInputError(
+            f"state of on-line learning has the format {data['format']!r}; expected {FORMAT!r}"
+        )
 
 
-_PLAIN = (
-    "materials",
-    "score",
-    "compared",
-    "spare_seconds",
-    "processed",
-    "set_aside",
-    "explained",
-    "met",
-    "time",
-    "position",
-    "adopted",
-    "begun",
-    "next_refit",
-)
-"""Fields that JSON can express."""
-
-_ARRAYS = ("centre", "unit")
-"""Fields that are arrays (n,)."""
-
-MEMBERS = ("window", "past", "doubtful")
-"""Fields that are lists of `Member`."""
-
-_INFORMATION = ("ground", "retired", "posterior", "published_information", "challenger")
-"""Fields that are a `Gaussian`, the last of which may be None."""
-
-
-def _read_change(data: Mapping[str, Any]) -> tuple[ChangePoint, int]:
-    pair = tuple(data["pair"])
-    return ChangePoint(pair, data["length"], data["probability"]), int(data["before"])
+_CLASSES = {
+    each.__name__: each
+    for each in (
+        OnlineState,
+        Member,
+        ObservationFit,
+        LocalLikelihood,
+        Gaussian,
+        Signs,
+        ChangePoint,
+        LearnedParameters,
+        SpinEvidence,
+        SpinLikelihood,
+    )
+}
+"""Classes of what is remembered, by their names."""
 
 
 def _likelihoods(members: Sequence[Member]) -> tuple[list[LocalLikelihood], list[float]]:
     """Return what members say of the parameters, and their weights."""
     return [member.likelihood for member in members], [member.weight for member in members]
-
-
-def _information_data(information: Gaussian | None) -> dict[str, Any] | None:
-    if information is None:
-        return None
-    return {"matrix": encode_array(information.precision), "vector": encode_array(information.pull)}
-
-
-def _read_information(data: Mapping[str, Any] | None) -> Gaussian | None:
-    if data is None:
-        return None
-    return Gaussian(decode_array(data["matrix"]), decode_array(data["vector"]))
-
-
-def _member_data(member: Member) -> dict[str, Any]:
-    fit, likelihood = member.fit, member.likelihood
-    return {
-        "id": member.id,
-        "number": member.number,
-        "stamp": member.stamp,
-        "weight": member.weight,
-        "estimate": encode_array(fit.estimate),
-        "deviations": encode_array(fit.deviations),
-        "horizon": float(fit.horizon),
-        "parameters": likelihood.parameters.tolist(),
-        "at": encode_array(likelihood.estimate),
-        "information": encode_array(likelihood.information),
-        "scores": encode_array(likelihood.scores),
-        "loss": likelihood.loss,
-        "spins": [spin.to_dict() for spin in likelihood.spins],
-    }
-
-
-def _read_member(data: Mapping[str, Any]) -> Member:
-    return Member(
-        data["id"],
-        data["number"],
-        data["stamp"],
-        ObservationFit(
-            decode_array(data["estimate"]), decode_array(data["deviations"]), data["horizon"]
-        ),
-        LocalLikelihood(
-            np.array(data["parameters"], dtype=np.int64),
-            decode_array(data["at"]),
-            decode_array(data["information"]),
-            decode_array(data["scores"]),
-            data["loss"],
-            tuple(SpinLikelihood.from_dict(spin) for spin in data["spins"]),
-        ),
-        data["weight"],
-    )
-
-
-FASTEST = 1
-"""Level of zlib: matrices are mostly zeros where materials are many, and that is all it finds."""
-
-
-def encode_array(array: NDArray[np.float64]) -> dict[str, Any]:
-    """Return an array as plain data, to its last digit.
-
-    `array` (...,) of any shape.
-    """
-    packed = zlib.compress(np.ascontiguousarray(array, dtype="<f8").tobytes(), FASTEST)
-    return {"shape": list(array.shape), "zlib": base64.b64encode(packed).decode("ascii")}
-
-
-def decode_array(data: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Return the array (...,) that `encode_array` wrote."""
-    raw = zlib.decompress(base64.b64decode(data["zlib"]))
-    return np.frombuffer(raw, dtype="<f8").reshape(data["shape"]).astype(np.float64)

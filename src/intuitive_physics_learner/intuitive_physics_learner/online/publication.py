@@ -17,12 +17,18 @@ from intuitive_physics.parameter_posterior import (
     ParameterPosterior,
 )
 from intuitive_physics.parameter_space import parameter_vector
+from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.online.jackknife import jackknife_variances
+from intuitive_physics_learner.online.lone_fit import LoneFit
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.identifiability import widened_information
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
+
+BEYOND = 0.5
+"""Time beyond the fit horizon up to which predictions are compared, s: where an error shows
+first."""
 
 SURPRISING_MOVE = 1.0
 """Move of a parameter in standard deviations of what is published, beyond which later observations
@@ -40,6 +46,43 @@ SMALLEST_MOVE = 0.1
 
 SMALLEST_NARROWING = 0.05
 """Part by which a standard deviation must change to be worth a new version; set by hand."""
+
+
+def count_prediction(state: OnlineState, fit: LoneFit) -> None:
+    """Add how much better the challenger predicted an observation than what is published.
+
+    `fit` is to what is known now; both predictions begin where it ends.
+    """
+    if state.challenger is None:
+        return
+    horizon = fit.observation_fit.horizon + BEYOND
+    challenger, published = (
+        fit.log_evidence(horizon, information.bounded(state.centre))
+        for information in (state.challenger, state.published_information)
+    )
+    state.score += float(np.clip(challenger - published, -LARGEST_VOTE, LARGEST_VOTE))
+    state.compared += 1
+
+
+def is_to_be_published(state: OnlineState) -> bool:
+    """Whether the estimate says something new; if it has moved far, whether it has won."""
+    if not state.posterior.precision.any():
+        return False
+    if state.published is not None and has_moved_far(state):
+        won = has_won(state)
+        if not won and not is_on_trial(state):
+            state.begin_trial()
+        return won
+    new = is_new(state)
+    if not new:
+        state.end_trial()
+    return new
+
+
+def publish(state: OnlineState, cost: float) -> None:
+    """Publish the estimate; `cost` is its J in m over the window."""
+    state.published, state.published_information = next_version(state, cost), _widened(state)
+    state.end_trial()
 
 
 def is_new(state: OnlineState) -> bool:
@@ -66,10 +109,10 @@ def has_won(state: OnlineState) -> bool:
 
 
 def next_version(state: OnlineState, cost: float) -> LearnedParameters:
-    """Return the estimate as the next version of θ_s; `cost` is its J over the window."""
+    """Return the estimate as the next version of θ_s."""
     space, held, published = state.space, state.held, state.published
     parameters, widths = state.parameters, _deviations(state)
-    information = widened_information(state.posterior.precision, np.ones(widths.size), widths)
+    information = _widened(state).precision
     identified = held | (widths < LARGEST_DEVIATION)
     slopes = space.slopes(state.unit)
     covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(widths.size))
@@ -125,16 +168,30 @@ def _differs(state: OnlineState, before: Gaussian) -> NDArray[np.bool_]:
     return moved | (np.abs(deviations / before.deviations - 1.0) > SMALLEST_NARROWING)
 
 
+def _widened(state: OnlineState) -> Gaussian:
+    """Return what is known, with the deviations that are published."""
+    widths, mean = _deviations(state), state.prior.mean
+    factors = widths / state.prior.deviations
+    information = widened_information(state.posterior.precision, factors, widths)
+    # Its mean is the same once the bounds count.
+    pull = information @ mean + UNIFORM_PRECISION * (mean - state.centre)
+    return Gaussian(information, pull)
+
+
 def _deviations(state: OnlineState) -> NDArray[np.float64]:
-    """Standard deviations (n,), widths, at least those by leaving out each of the window."""
-    variances = jackknife_variances(
+    """Standard deviations (n,), widths, that are published.
+
+    At least those by leaving out each observation of the window, and with the spread of fits from
+    several starts.
+    """
+    left_out = jackknife_variances(
         state.posterior,
         state.centre,
         [member.likelihood for member in state.window],
         np.array([member.weight for member in state.window]),
     )
-    variances = np.minimum(variances, 1.0 / UNIFORM_PRECISION)
-    return np.maximum(state.prior.deviations, np.sqrt(variances))
+    variances = np.maximum(state.prior.deviations**2, left_out) + state.spread
+    return np.sqrt(np.minimum(variances, 1.0 / UNIFORM_PRECISION))
 
 
 def _has_near_challenger(state: OnlineState) -> bool:

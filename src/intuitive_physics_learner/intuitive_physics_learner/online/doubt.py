@@ -1,0 +1,133 @@
+"""Observations of disturbed motions, or that contradict what is known: they are set aside.
+
+Signs of a disturbance are those by which a search assesses its observations (`assessment`): laws of
+motion, and undisturbed motions from where a fit stops. An observation is compared with those that
+are kept, and later these with one another, by the signs that they showed when they came.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from intuitive_physics.simulation import Simulator
+from intuitive_physics_learner.assessment.assessment import (
+    LEAST_GOOD,
+    NOISE_LOSS,
+    assessed_by_laws,
+    good_probabilities,
+    least_log_p,
+    reassessed,
+    violations_of,
+)
+from intuitive_physics_learner.assessment.reasons import Reason
+from intuitive_physics_learner.assessment.undisturbed_motion import undisturbed_misfits
+from intuitive_physics_learner.online.lone_fit import LoneFit
+from intuitive_physics_learner.online.online_state import Member, OnlineState, Signs
+from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
+
+CONFLICT = 7.0
+"""Logarithm of the ratio of evidences, of what is not bound by what is known to what is, from which
+on an observation contradicts what is known: odds of a thousand to one."""
+
+LARGEST_DOUBTFUL_COUNT = 16
+"""Largest number of doubtful observations that are kept to be fitted again."""
+
+LOWEST_LOG_P = -1e6
+"""Logarithm of a p value at least, that of one that is 0 in double precision included."""
+
+LARGEST_EXPONENT = 700.0
+"""Largest argument of exp in double precision."""
+
+
+@dataclass(frozen=True, eq=False)
+class Doubt:
+    """Why an observation is set aside.
+
+    Parameters
+    ----------
+    fit : that says what the observation shows by itself
+    signs : by this fit
+    assessment : to be noted
+    disturbed : whether nothing explains it, so that it says nothing of any knowledge
+    """
+
+    fit: LoneFit
+    signs: Signs
+    assessment: Assessment
+    disturbed: bool
+
+
+def signs_of(fit: LoneFit, simulator: Simulator) -> Signs:
+    """Test laws of motion, and follow undisturbed motions from where a fit stops."""
+    (observation,) = fit.observations
+    (violations,) = violations_of([observation])
+    misfits, times = undisturbed_misfits(fit.fit, simulator, np.random.default_rng(0))
+    return Signs(
+        max(least_log_p(violations), LOWEST_LOG_P),
+        assessed_by_laws(observation, violations, 0.0).reason,
+        float(np.nan_to_num(misfits, nan=NOISE_LOSS)[0]),
+        float(np.nan_to_num(times)[0]),
+    )
+
+
+def assessed(members: Mapping[str, Signs]) -> list[Assessment]:
+    """Assess observations by their signs, beside one another, as after a search."""
+    signs = list(members.values())
+    weights = good_probabilities(np.array([each.log_p for each in signs])).tolist()
+    by_laws = [
+        Assessment(name, weight, *(("", USED) if weight >= LEAST_GOOD else (of.violated, DOUBTFUL)))
+        for (name, of), weight in zip(members.items(), weights, strict=True)
+    ]
+    misfits, times = np.array([[each.misfit, each.time] for each in signs]).reshape(-1, 2).T
+    return list(reassessed(by_laws, misfits, times))
+
+
+def reason_for_doubt(
+    state: OnlineState, fit: LoneFit, signs: Signs, simulator: Simulator
+) -> Doubt | None:
+    """Return why an observation is doubtful, by a fit to what is known; None where it is not."""
+    (observation,) = fit.observations
+    kept = {member.id: member.signs for member in state.kept}
+    assessment = assessed({**kept, observation.id: signs})[-1]
+    good = assessment.status == USED
+    if good and not fit.blocked:
+        return None
+    free = fit.knowing_nothing(state)
+    horizon = max(free.observation_fit.horizon, fit.observation_fit.horizon)
+    gain = free.log_evidence(horizon) - fit.log_evidence(horizon)
+    if gain > CONFLICT:
+        freely = signs_of(free, simulator)
+        if good or assessed({**kept, observation.id: freely})[-1].status == USED:
+            weight = float(np.exp(-min(gain, LARGEST_EXPONENT)))
+            odds = f"e^{gain:.0f} times as likely with other parameters"
+            reason = f"{Reason.CONTRADICTORY.value}: {odds}"
+            return Doubt(free, freely, Assessment(observation.id, weight, reason, DOUBTFUL), False)
+    return None if good else Doubt(free, signs, assessment, True)
+
+
+def set_aside_disturbed(state: OnlineState) -> list[Assessment]:
+    """Set those aside that stand out among the observations that are kept now."""
+    assessments = assessed({member.id: member.signs for member in state.kept})
+    doubtful = {each.id: each for each in assessments if each.status == DOUBTFUL}
+    for member in [member for member in state.kept if member.id in doubtful]:
+        state.drop(member)
+        set_aside(state, member)
+    state.add_up()
+    return list(doubtful.values())
+
+
+def set_aside(state: OnlineState, member: Member) -> None:
+    """Keep an observation apart from those that are learned from."""
+    state.doubtful.append(replace(member, weight=0.0))
+    del state.doubtful[:-LARGEST_DOUBTFUL_COUNT]
+    state.set_aside += 1
+
+
+def take_back(state: OnlineState, member: Member) -> Assessment:
+    """Learn from an observation that was set aside."""
+    state.window.append(replace(member, weight=1.0))
+    state.set_aside -= 1
+    return Assessment(member.id, 1.0, "agrees with later observations", USED)

@@ -1,0 +1,204 @@
+"""Joint fits: of the window after new observations, and at times of all that are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.observation import Observation
+from intuitive_physics.simulation import Simulator
+from intuitive_physics_learner.cost.cost_function import TrajectoryCost
+from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
+from intuitive_physics_learner.joint_estimation.point_noise import detected
+from intuitive_physics_learner.joint_estimation.several_starts import STARTS, drawn_starts
+from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
+from intuitive_physics_learner.online.change_point import change_probability
+from intuitive_physics_learner.online.lone_fit import LARGEST_ADVANCE
+from intuitive_physics_learner.online.memory import age_weight
+from intuitive_physics_learner.online.online_state import Member, OnlineState
+from intuitive_physics_learner.online.options import OnlineOptions
+from intuitive_physics_learner.online.publication import FEWEST_COMPARED, has_moved_far
+from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.search.learning_task import FitTask
+from intuitive_physics_learner.search.search_space import ActiveSpace
+
+WINDOW_STEPS = 8
+"""Joint steps of all observations of the window after new ones; set by hand."""
+
+REFIT_STEPS = 60
+"""Joint steps of a fit to all observations that are kept from what was known before them; 16 boxes
+take 21 to 55."""
+
+CONTINUED_STEPS = 20
+"""Joint steps of one that begins at an estimate; set by hand."""
+
+COMPARED_BEYOND = (0.5, np.inf)
+"""Times beyond the longest fit horizons up to which fits from different starts are compared, s: on
+three chaotic sets these two together chose the better one more often than each alone."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointProblem:
+    """A fit of some of the observations that are kept.
+
+    Parameters
+    ----------
+    state : whose observations they are
+    members : the observations
+    parameters : (k,) indices, among all n, of the parameters that any of them depends on
+    prior : of all n parameters, without these observations
+    task : the fit over those parameters
+    """
+
+    state: OnlineState
+    members: list[Member]
+    parameters: NDArray[np.int64]
+    prior: Gaussian
+    task: FitTask
+
+    def fit_from(self, known: Gaussian, settings: JointEstimationSettings) -> JointFit:
+        """Return a fit that begins at what is known, with the initial states found last."""
+        fit = JointFit(self.task, settings)
+        unit = np.clip(known.mean, 0.0, 1.0)[self.parameters]
+        states = [member.fit for member in self.members]
+        fit.begin_at(unit, known.deviations[self.parameters], states)
+        return fit
+
+    def take_over(self, fit: JointFit, *, with_spins: bool) -> None:
+        """Let what a fit has found of the members be what is known of them.
+
+        `with_spins`: also what they say of how balls are thrown, which takes as long as four steps.
+        """
+        state, parameters, prior = self.state, self.parameters, self.prior
+        # Parameters that the members do not depend on follow those that they correlate with.
+        rest = np.setdiff1d(np.arange(state.unit.size), parameters)
+        across = prior.precision[np.ix_(rest, parameters)] @ (fit.unit - prior.mean[parameters])
+        gains = np.linalg.solve(prior.precision[np.ix_(rest, rest)], across)
+        state.unit[parameters] = fit.unit
+        state.unit[rest] = np.clip(prior.mean[rest] - gains, 0.0, 1.0)
+        for member, observation_fit, likelihood, weight in zip(
+            self.members,
+            fit.observation_fits(),
+            fit.likelihoods(look_for_spins=with_spins),
+            fit.weights.tolist(),
+            strict=True,
+        ):
+            member.fit, member.weight = observation_fit, weight
+            spins = likelihood.spins if with_spins else member.likelihood.spins
+            own = parameters[likelihood.parameters]
+            member.likelihood = replace(likelihood, parameters=own, spins=spins)
+        state.add_up()
+
+
+class JointFits:
+    """Fits what a state keeps to observations by their ids, with a simulator."""
+
+    def __init__(
+        self,
+        state: OnlineState,
+        simulator: Simulator,
+        options: OnlineOptions,
+        seconds_left: Callable[[], float],
+    ) -> None:
+        self._state, self._simulator, self._options = state, simulator, options
+        self._seconds_left = seconds_left
+
+    def fit_window(self, observations: Mapping[str, Observation]) -> None:
+        """Fit the observations of the window jointly and take the posterior over."""
+        state = self._state
+        if not state.window:
+            return
+        problem = self._problem(state.window, observations, state.before_window())
+        settings = JointEstimationSettings(largest_advance=LARGEST_ADVANCE, scan_steps=())
+        fit = problem.fit_from(self._present, settings)
+        self._run(fit, WINDOW_STEPS)
+        problem.take_over(fit, with_spins=False)
+
+    def refit(self, observations: Mapping[str, Observation]) -> None:
+        """Fit all observations that are kept as a search does, and begin again from the best fit.
+
+        The starts are the present estimate, what is published where that is far away, what was
+        known before all observations, and points drawn from that.
+        """
+        state = self._state
+        state.next_refit = 2 * (state.used - state.begun)
+        if not state.kept:
+            return
+        problem = self._problem(state.kept, observations, state.ground)
+        begun = [self._present]
+        if state.published is not None and has_moved_far(state):
+            begun.append(state.published_information.bounded(state.centre))
+        prior = problem.task.prior
+        drawn = drawn_starts(prior, STARTS - 1, np.random.default_rng(state.used))
+        staged = StagedFit(problem.task, np.array([prior.mean, *drawn]))
+        continued = [
+            problem.fit_from(each, JointEstimationSettings(scan_steps=())) for each in begun
+        ]
+        for fit in continued:
+            self._run(fit, CONTINUED_STEPS)
+        self._run(staged, REFIT_STEPS)
+        for fit in continued:
+            staged.jointly.add(fit)
+        state.spread = np.zeros(state.unit.size)
+        state.spread[problem.parameters] = staged.jointly.choose(COMPARED_BEYOND)
+        problem.take_over(staged.joint, with_spins=True)
+        self._forget_what_disagrees()
+        if len(problem.members) >= FEWEST_COMPARED:
+            # It has explained all observations better than what is published.
+            state.win_trial(len(problem.members))
+
+    @property
+    def _present(self) -> Gaussian:
+        """What is known, about the present estimate."""
+        return Gaussian.about(self._state.unit, self._state.prior.precision)
+
+    def _problem(
+        self, members: list[Member], observations: Mapping[str, Observation], known: Gaussian
+    ) -> JointProblem:
+        """Return the fit of some members, to what is known without them."""
+        state = self._state
+        observed = [observations[member.id] for member in members]
+        influence = state.influence(observed)
+        active: NDArray[np.bool_] = np.asarray(influence.any(axis=0))
+        parameters = np.flatnonzero(active)
+        prior = known.bounded(state.centre)
+        points = [detected(each) for each in observed]
+        cost = TrajectoryCost(points, self._simulator, state.materials)
+        space = ActiveSpace(state.space, active, state.parameters)
+        tau = self._options.time_constant
+        ages = np.array([age_weight(state, member, tau) for member in members])
+        task = FitTask(cost, space, influence[:, active], prior.marginal(parameters), ages)
+        return JointProblem(state, members, parameters, prior, task)
+
+    def _forget_what_disagrees(self) -> None:
+        """Keep of observations that are gone only what agrees with those that are kept.
+
+        What they say was linearised where the estimate was then.
+        """
+        state = self._state
+        if state.retired.equals(state.ground):
+            return
+        likelihoods = [
+            replace(
+                member.likelihood,
+                information=member.weight * member.likelihood.information,
+                scores=member.weight * member.likelihood.scores,
+            )
+            for member in state.kept
+        ]
+        for parameters in state.families.values():
+            prior = state.retired.bounded(state.centre)
+            probability = change_probability(prior, likelihoods, parameters)
+            if probability < self._options.false_alarm_rate:
+                state.forget_pair(parameters, ground=False)
+        state.add_up()
+
+    def _run(self, fit: JointFit | StagedFit, steps: int) -> None:
+        """Take steps, at least one, until the fit has settled or the time is over."""
+        for _ in range(steps):
+            if fit.settled or (fit.steps and self._seconds_left() <= 0.0):
+                break
+            fit.step()

@@ -1,0 +1,113 @@
+"""A fit of one observation by itself to what is known, and its evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from intuitive_physics.observation import Observation
+from intuitive_physics_learner.cost.cost_function import Cost
+from intuitive_physics_learner.joint_estimation.joint_fit import (
+    JointEstimationSettings,
+    JointFit,
+    ObservationFit,
+)
+from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
+from intuitive_physics_learner.joint_estimation.several_starts import log_evidences
+from intuitive_physics_learner.online.online_state import OnlineState
+from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.search.learning_task import FitTask
+from intuitive_physics_learner.search.search_space import ActiveSpace
+
+LONE_STEPS = 24
+"""Joint steps in which one observation is fitted by itself at most; set by hand: with
+`largest_advance` they suffice for 10 s of motion."""
+
+RETRY_STEPS = 60
+"""Joint steps of a second, more careful fit of an observation that cannot be explained; set by
+hand."""
+
+MISFIT_STEPS = 4
+"""Number of last steps of a lone fit in which a misfit means that the motion cannot be explained
+farther: an advance beyond what can be explained ends in a misfit every other step or third."""
+
+FREE_SCANS = (2, 5)
+"""Numbers of steps after which a lone fit that knows nothing of θ_s scans each parameter; set by
+hand."""
+
+LARGEST_ADVANCE = 0.5
+"""Largest advance of a fit horizon in one step, s: more than in a fit that begins with nothing, for
+what is known predicts farther; set by hand."""
+
+
+class LoneFit:
+    """Fits one observation by itself to a prior of θ_s, up to where it can be explained.
+
+    Attributes
+    ----------
+    fit : to the observation, over the parameters that it can depend on
+    blocked : whether the motion cannot be explained farther than `horizon`
+    """
+
+    def __init__(
+        self,
+        cost: Cost,
+        state: OnlineState,
+        prior: Gaussian,
+        *,
+        scans: tuple[int, ...] = (),
+        careful: bool = False,
+    ) -> None:
+        (influence,) = state.influence(cost.observations)
+        self._parameters = np.flatnonzero(influence)
+        self._task = FitTask(
+            cost,
+            ActiveSpace(state.space, influence, state.parameters),
+            np.ones((1, self._parameters.size), dtype=bool),
+            prior.marginal(self._parameters),
+        )
+        settings = JointEstimationSettings(scan_steps=scans)
+        if not careful:
+            settings = replace(settings, largest_advance=LARGEST_ADVANCE)
+        self.fit = JointFit(self._task, settings)
+        since = MISFIT_STEPS
+        for _ in range(RETRY_STEPS if careful else LONE_STEPS):
+            if self.fit.settled:
+                break
+            self.fit.step()
+            since = 0 if self.fit.misfits else since + 1
+        self.blocked = since < MISFIT_STEPS
+
+    @property
+    def observations(self) -> Sequence[Observation]:
+        """The observation, by its detections."""
+        return self._task.cost.observations
+
+    def knowing_nothing(self, state: OnlineState) -> LoneFit:
+        """Return a fit to the same observation that knows nothing of θ_s."""
+        nothing = Gaussian.within_bounds(state.prior.mean)
+        return LoneFit(self._task.cost, state, nothing, scans=FREE_SCANS)
+
+    @property
+    def observation_fit(self) -> ObservationFit:
+        """Initial states and fit horizon."""
+        return self.fit.observation_fits()[0]
+
+    def likelihood(self) -> LocalLikelihood:
+        """Return what the observation says of all n parameters, near the estimate."""
+        (likelihood,) = self.fit.likelihoods(look_for_spins=True)
+        return replace(likelihood, parameters=self._parameters[likelihood.parameters])
+
+    def log_evidence(self, horizon: float, prior: Gaussian | None = None) -> float:
+        """Return ln ∫ p(points up to a horizon | θ_s) p(θ_s) dθ_s by Laplace's approximation.
+
+        `horizon` in s, the last time that counts; evidences up to different ones do not compare.
+        `prior` of all n parameters; None: that of the fit.
+        """
+        task = self._task
+        if prior is not None:
+            task = replace(task, prior=prior.marginal(self._parameters))
+        of_points, of_parameters = log_evidences(task, self.fit, [horizon])
+        return float(of_points.sum()) + of_parameters

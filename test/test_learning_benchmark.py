@@ -289,4 +289,4 @@ def test_last_line_has_all_keys_and_the_cost_of_each_part(monkeypatch):
     # Those of other seeds stand beside the stored ones, and do not take their place.
     assert outcome.tables[0].columns[-1].heading == "seeds from 7"
     assert outcome.tables[0].rows[0][-1] == "[3.9, 4.1]"
-    assert outcome.part == "seed_7"
+    assert outcome.part == "mass_ratio_seed_7"

@@ -102,11 +102,11 @@ def run(options: argparse.Namespace) -> Outcome:
         ],
         rows=costs,
     )
-    seed, tables, part = options.first_seed, [*outcome.tables, table], options.only or ()
+    seed, tables, part = options.first_seed, [*outcome.tables, table], list(options.only or ())
     if seed != FIRST_SEED:
         headings = f"seeds from {FIRST_SEED}", f"seeds from {seed}"
         tables = [beside_stored(outcome.key_figures, FOLDER / "learning.json", headings), *tables]
-        part = [f"seed_{seed}"]
+        part.append(f"seed_{seed}")
     return replace(
         outcome,
         tables=tables,

@@ -15,6 +15,7 @@ come to rest, and stays there as long as it was seen, is followed no longer.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.geometry.rotations import quaternion_product, rotate_quaternions
 from intuitive_physics.simulation import Rollout, Simulator, WorldStatus
+from intuitive_physics.simulation.shares import run_in_shares
 from intuitive_physics_learner.cost.packed_observations import (
     PackedObservations,
     packed_in_groups,
@@ -36,6 +38,9 @@ MOTIONS = (64, 256)
 NOTABLE_MISFIT = 4.0
 """Loss per point of a segment above which more motions are followed: six points of noise exceed
 it, 1.5 on the average, with a probability of 1e-4."""
+
+SHARE = 16
+"""Observations whose motions a thread follows at a time."""
 
 SEGMENT = 0.2
 """Duration of a segment, s: six points at 30 Hz."""
@@ -96,18 +101,30 @@ def undisturbed_misfits(
     asked = np.ones(misfits.size, dtype=bool)
     for count in MOTIONS:
         states = fit.state_draws(generator, count)
-        for group in groups:
-            rows = np.flatnonzero(asked[group.members])
-            if not rows.size:
-                continue
+        shares = [(group, rows) for group in groups for rows in _shares(asked[group.members])]
+        followed = [
+            _Motions(fit, simulator, group, rows, states[group.members[rows]], own)
+            for (group, rows), own in zip(shares, generator.spawn(len(shares)), strict=True)
+        ]
+
+        def follow(first: int, last: int, followed: Sequence[_Motions] = followed) -> None:
+            for motions in followed[first:last]:
+                motions.follow()
+
+        run_in_shares(follow, len(followed), simulator.threads, 1)
+        for (group, rows), motions in zip(shares, followed, strict=True):
             members = group.members[rows]
-            motions = _Motions(fit, simulator, group, rows, states[members], generator)
-            motions.follow()
             better = ~(motions.misfits >= misfits[members])
             misfits[members[better]] = motions.misfits[better]
             times[members[better]] = motions.times[better]
         asked = misfits > NOTABLE_MISFIT
     return misfits, times
+
+
+def _shares(asked: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+    """Part the rows that are asked for (n,) into what a thread follows at a time."""
+    rows = np.flatnonzero(asked)
+    return [rows[first : first + SHARE] for first in range(0, rows.size, SHARE)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,8 +90,8 @@ def reason_for_doubt(
 ) -> Doubt | None:
     """Return why an observation is doubtful, by a fit to what is known; None where it is not."""
     (observation,) = fit.observations
-    kept = {member.id: member.signs for member in state.kept}
-    assessment = assessed({**kept, observation.id: signs})[-1]
+    others = {member.id: member.signs for member in (*state.kept, *state.doubtful)}
+    assessment = assessed({**others, observation.id: signs})[-1]
     good = assessment.status == USED
     if good and not fit.blocked:
         return None
@@ -100,7 +100,7 @@ def reason_for_doubt(
     gain = free.log_evidence(horizon) - fit.log_evidence(horizon)
     if gain > CONFLICT:
         freely = signs_of(free, simulator)
-        if good or assessed({**kept, observation.id: freely})[-1].status == USED:
+        if good or assessed({**others, observation.id: freely})[-1].status == USED:
             weight = float(np.exp(-min(gain, LARGEST_EXPONENT)))
             odds = f"e^{gain:.0f} times as likely with other parameters"
             reason = f"{Reason.CONTRADICTORY.value}: {odds}"
@@ -109,14 +109,17 @@ def reason_for_doubt(
 
 
 def set_aside_disturbed(state: OnlineState) -> list[Assessment]:
-    """Set those aside that stand out among the observations that are kept now."""
-    assessments = assessed({member.id: member.signs for member in state.kept})
-    doubtful = {each.id: each for each in assessments if each.status == DOUBTFUL}
-    for member in [member for member in state.kept if member.id in doubtful]:
-        state.drop(member)
-        set_aside(state, member)
+    """Set those aside that stand out beside the observations that there are now."""
+    kept = state.kept
+    assessments = assessed({each.id: each.signs for each in (*kept, *state.doubtful)})
+    noted = []
+    for member, assessment in zip(kept, assessments[: len(kept)], strict=True):
+        if assessment.status == DOUBTFUL:
+            state.drop(member)
+            set_aside(state, member)
+            noted.append(assessment)
     state.add_up()
-    return list(doubtful.values())
+    return noted
 
 
 def set_aside(state: OnlineState, member: Member) -> None:

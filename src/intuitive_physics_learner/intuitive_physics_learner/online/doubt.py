@@ -38,9 +38,6 @@ LARGEST_DOUBTFUL_COUNT = 16
 LOWEST_LOG_P = -1e6
 """Logarithm of a p value at least, that of one that is 0 in double precision included."""
 
-LARGEST_EXPONENT = 700.0
-"""Largest argument of exp in double precision."""
-
 
 @dataclass(frozen=True, eq=False)
 class Doubt:
@@ -51,13 +48,16 @@ class Doubt:
     fit : that says what the observation shows by itself
     signs : by this fit
     assessment : to be noted
-    disturbed : whether nothing explains it, so that it says nothing of any knowledge
     """
 
     fit: LoneFit
     signs: Signs
     assessment: Assessment
-    disturbed: bool
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether nothing explains it, so that it says nothing of any knowledge."""
+        return not self.assessment.reason.startswith(Reason.CONTRADICTORY.value)
 
 
 def signs_of(fit: LoneFit, simulator: Simulator) -> Signs:
@@ -101,11 +101,10 @@ def reason_for_doubt(
     if gain > CONFLICT:
         freely = signs_of(free, simulator)
         if good or assessed({**others, observation.id: freely})[-1].status == USED:
-            weight = float(np.exp(-min(gain, LARGEST_EXPONENT)))
             odds = f"e^{gain:.0f} times as likely with other parameters"
-            reason = f"{Reason.CONTRADICTORY.value}: {odds}"
-            return Doubt(free, freely, Assessment(observation.id, weight, reason, DOUBTFUL), False)
-    return None if good else Doubt(free, signs, assessment, True)
+            reason, weight = f"{Reason.CONTRADICTORY.value}: {odds}", float(np.exp(-gain))
+            return Doubt(free, freely, Assessment(observation.id, weight, reason, DOUBTFUL))
+    return None if good else Doubt(free, signs, assessment)
 
 
 def set_aside_disturbed(state: OnlineState) -> list[Assessment]:

@@ -25,6 +25,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
+from scipy.stats import t as student
 
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.trajectory import Trajectory
@@ -136,7 +137,7 @@ def reassessed(
 
     The logarithms of the misfits are normal where observations are good, about their median and
     with the spread from there to their 84 % quantile, which a share of disturbed ones below 16 %
-    does not move.
+    does not move. Few of them know their spread less well, so their tail is Student's.
 
     `misfits` (n,) losses per point where each is explained worst; NaN where the fit includes all
     points; `times` (n,) s after the start, where that is.
@@ -148,7 +149,7 @@ def reassessed(
     middle, upper = np.quantile(sizes, [0.5, norm.cdf(1.0)])
     spread = max(float(upper - middle), SMALLEST_MISFIT_SPREAD)
     scores = (sizes - middle) / spread
-    weights = good_probabilities(norm.logsf(scores))
+    weights = good_probabilities(student.logsf(scores, max(rest.size - 1, 1)))
     results = list(assessments)
     for member, weight in zip(rest.tolist(), weights.tolist(), strict=True):
         assessment = assessments[member]

@@ -156,13 +156,17 @@ def find_change(
 
 
 def change_probability(
-    prior: Gaussian, likelihoods: Sequence[LocalLikelihood], members: NDArray[np.int64]
+    prior: Gaussian,
+    likelihoods: Sequence[LocalLikelihood],
+    members: NDArray[np.int64],
+    weights: Sequence[float] | None = None,
 ) -> float:
     """Probability of so large a ratio T without a change.
 
-    `members` (k,) indices of the parameters that may have changed.
+    `members` (k,) indices of the parameters that may have changed; `weights` of the observations;
+    None: 1.
     """
-    together = Gaussian.nothing(prior.mean.size).plus(likelihoods)
+    together = Gaussian.nothing(prior.mean.size).plus(likelihoods, weights)
     information, scores = together.precision, together.scores(prior.mean)
     # (1 + L P)⁻¹ = P⁻¹ (P⁻¹ + L)⁻¹.
     solved = prior.precision @ np.linalg.solve(

@@ -38,9 +38,6 @@ LARGEST_DOUBTFUL_COUNT = 16
 LOWEST_LOG_P = -1e6
 """Logarithm of a p value at least, that of one that is 0 in double precision included."""
 
-LARGEST_EXPONENT = 700.0
-"""Largest argument of exp in double precision."""
-
 
 @dataclass(frozen=True, eq=False)
 class Doubt:
@@ -51,13 +48,16 @@ class Doubt:
     fit : that says what the observation shows by itself
     signs : by this fit
     assessment : to be noted
-    disturbed : whether nothing explains it, so that it says nothing of any knowledge
     """
 
     fit: LoneFit
     signs: Signs
     assessment: Assessment
-    disturbed: bool
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether nothing explains it, so that it says nothing of any knowledge."""
+        return not self.assessment.reason.startswith(Reason.CONTRADICTORY.value)
 
 
 def signs_of(fit: LoneFit, simulator: Simulator) -> Signs:
@@ -90,8 +90,8 @@ def reason_for_doubt(
 ) -> Doubt | None:
     """Return why an observation is doubtful, by a fit to what is known; None where it is not."""
     (observation,) = fit.observations
-    kept = {member.id: member.signs for member in state.kept}
-    assessment = assessed({**kept, observation.id: signs})[-1]
+    others = {member.id: member.signs for member in (*state.kept, *state.doubtful)}
+    assessment = assessed({**others, observation.id: signs})[-1]
     good = assessment.status == USED
     if good and not fit.blocked:
         return None
@@ -100,23 +100,25 @@ def reason_for_doubt(
     gain = free.log_evidence(horizon) - fit.log_evidence(horizon)
     if gain > CONFLICT:
         freely = signs_of(free, simulator)
-        if good or assessed({**kept, observation.id: freely})[-1].status == USED:
-            weight = float(np.exp(-min(gain, LARGEST_EXPONENT)))
+        if good or assessed({**others, observation.id: freely})[-1].status == USED:
             odds = f"e^{gain:.0f} times as likely with other parameters"
-            reason = f"{Reason.CONTRADICTORY.value}: {odds}"
-            return Doubt(free, freely, Assessment(observation.id, weight, reason, DOUBTFUL), False)
-    return None if good else Doubt(free, signs, assessment, True)
+            reason, weight = f"{Reason.CONTRADICTORY.value}: {odds}", float(np.exp(-gain))
+            return Doubt(free, freely, Assessment(observation.id, weight, reason, DOUBTFUL))
+    return None if good else Doubt(free, signs, assessment)
 
 
 def set_aside_disturbed(state: OnlineState) -> list[Assessment]:
-    """Set those aside that stand out among the observations that are kept now."""
-    assessments = assessed({member.id: member.signs for member in state.kept})
-    doubtful = {each.id: each for each in assessments if each.status == DOUBTFUL}
-    for member in [member for member in state.kept if member.id in doubtful]:
-        state.drop(member)
-        set_aside(state, member)
+    """Set those aside that stand out beside the observations that there are now."""
+    kept = state.kept
+    assessments = assessed({each.id: each.signs for each in (*kept, *state.doubtful)})
+    noted = []
+    for member, assessment in zip(kept, assessments[: len(kept)], strict=True):
+        if assessment.status == DOUBTFUL:
+            state.drop(member)
+            set_aside(state, member)
+            noted.append(assessment)
     state.add_up()
-    return list(doubtful.values())
+    return noted
 
 
 def set_aside(state: OnlineState, member: Member) -> None:

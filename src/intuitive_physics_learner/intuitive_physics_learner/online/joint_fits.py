@@ -181,17 +181,11 @@ class JointFits:
         state = self._state
         if state.retired.equals(state.ground):
             return
-        likelihoods = [
-            replace(
-                member.likelihood,
-                information=member.weight * member.likelihood.information,
-                scores=member.weight * member.likelihood.scores,
-            )
-            for member in state.kept
-        ]
+        likelihoods = [member.likelihood for member in state.kept]
+        weights = [member.weight for member in state.kept]
         for parameters in state.families.values():
             prior = state.retired.bounded(state.centre)
-            probability = change_probability(prior, likelihoods, parameters)
+            probability = change_probability(prior, likelihoods, parameters, weights)
             if probability < self._options.false_alarm_rate:
                 state.forget_pair(parameters, ground=False)
         state.add_up()

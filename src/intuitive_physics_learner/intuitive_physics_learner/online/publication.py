@@ -65,15 +65,18 @@ def count_prediction(state: OnlineState, fit: LoneFit) -> None:
 
 
 def is_to_be_published(state: OnlineState) -> bool:
-    """Whether the estimate says something new; if it has moved far, whether it has won."""
-    if not state.posterior.precision.any():
+    """Whether the estimate says something new; where it has moved far, whether it has won."""
+    if state.published is None or not state.posterior.precision.any():
+        return bool(state.posterior.precision.any())
+    if has_moved_far(state):
+        near = state.challenger is not None and not _is_away(state, state.challenger, STRAYED)
+        judged = state.compared >= FEWEST_COMPARED
+        if near and (state.score > 0.0 or not judged):
+            return judged
+        state.begin_trial()
         return False
-    if state.published is not None and has_moved_far(state):
-        won = has_won(state)
-        if not won and not is_on_trial(state):
-            state.begin_trial()
-        return won
-    new = is_new(state)
+    published = state.published_information.bounded(state.centre)
+    new = bool(_differs(state, published).any()) or _has_new_spins(state, state.published)
     if not new:
         state.end_trial()
     return new
@@ -85,27 +88,9 @@ def publish(state: OnlineState, cost: float) -> None:
     state.end_trial()
 
 
-def is_new(state: OnlineState) -> bool:
-    """Whether the estimate says something that what is published does not."""
-    if state.published is None:
-        return True
-    published = state.published_information.bounded(state.centre)
-    return bool(_differs(state, published).any()) or _has_new_spins(state, state.published)
-
-
 def has_moved_far(state: OnlineState) -> bool:
     """Whether the estimate is farther from what is published than data that confirm it lead to."""
     return _is_away(state, state.published_information, SURPRISING_MOVE)
-
-
-def is_on_trial(state: OnlineState) -> bool:
-    """Whether there is a challenger, near the estimate, that too few observations have judged."""
-    return _has_near_challenger(state) and state.compared < FEWEST_COMPARED
-
-
-def has_won(state: OnlineState) -> bool:
-    """Whether there is a challenger, near the estimate, that has predicted observations better."""
-    return _has_near_challenger(state) and state.compared >= FEWEST_COMPARED and state.score > 0.0
 
 
 def next_version(state: OnlineState, cost: float) -> LearnedParameters:
@@ -163,7 +148,7 @@ def _kept_intervals(state: OnlineState) -> NDArray[np.bool_]:
 
 def _differs(state: OnlineState, before: Gaussian) -> NDArray[np.bool_]:
     """Which parameters (n,) are known otherwise than before, by more than is worth telling."""
-    deviations = state.prior.deviations
+    deviations = _deviations(state)
     moved = _distance(state, before) > SMALLEST_MOVE * deviations
     return moved | (np.abs(deviations / before.deviations - 1.0) > SMALLEST_NARROWING)
 
@@ -192,11 +177,6 @@ def _deviations(state: OnlineState) -> NDArray[np.float64]:
     )
     variances = np.maximum(state.prior.deviations**2, left_out) + state.spread
     return np.sqrt(np.minimum(variances, 1.0 / UNIFORM_PRECISION))
-
-
-def _has_near_challenger(state: OnlineState) -> bool:
-    challenger = state.challenger
-    return challenger is not None and not _is_away(state, challenger, STRAYED)
 
 
 def _is_away(state: OnlineState, information: Gaussian, deviations: float) -> bool:

@@ -183,6 +183,7 @@ class ObservationServices:
         export_folder: Path,
     ) -> None:
         self._node = node
+        self._on_changed = on_changed
         self._export_folder = export_folder
         self._store = store
         self._background = background
@@ -211,9 +212,7 @@ class ObservationServices:
             (DeleteObservations, "delete_observations", self._delete),
             (ExportObservations, "export_observations", self._export),
         ):
-            callback = answered_beside(
-                node, background, answer, lambda changed: changed and on_changed()
-            )
+            callback = answered_beside(node, background, answer, self._on_answered)
             node.create_service(kind, f"~/{name}", callback, callback_group=together)
 
     @property
@@ -231,6 +230,10 @@ class ObservationServices:
         lost = self._queue.stop(patience)
         if lost:
             self._node.get_logger().error(f"{lost} observations could not be stored and are lost")
+
+    def _on_answered(self, changed: bool) -> None:
+        if changed:
+            self._on_changed()
 
     def _on_refused(self, error: Exception) -> None:
         if isinstance(error, IntuitivePhysicsError):

@@ -9,6 +9,7 @@ import heapq
 import json
 import os
 import re
+import shutil
 import sqlite3
 import time
 from collections import deque
@@ -165,7 +166,8 @@ class ObservationStore:
         """Return how much room there is for more."""
         with self.database.reading() as connection:
             size = database_bytes(connection)
-        return Room.of(self.path, size)
+        free = shutil.disk_usage(self.path.parent).free
+        return Room(self.path, size, free, limits().largest_database)
 
     def count(self, status: str | None = None) -> int:
         """Return the number of observations, of one status or of all."""

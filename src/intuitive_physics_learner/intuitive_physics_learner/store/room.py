@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from intuitive_physics.limits import limits
 from intuitive_physics.settings import check_settings, number
 
 WAYS_OUT = (
@@ -51,11 +49,6 @@ class Room:
     size: int
     free: int
     largest: int
-
-    @classmethod
-    def of(cls, path: Path, size: int) -> Room:
-        """Return the room of a database of this size at this moment."""
-        return cls(path, size, shutil.disk_usage(path.parent).free, limits().largest_database)
 
     def warning(self, least_free: int) -> str:
         """Return in one sentence what will soon be missing, and what to do; empty: nothing.

@@ -17,6 +17,7 @@ from intuitive_physics.kernels.cache import KernelCache
 from intuitive_physics.processes import ChildProcess
 from intuitive_physics_learner.online import worker
 from intuitive_physics_learner.online.background_learning import BackgroundLearning
+from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.worker import FAILED, WAITING
 from intuitive_physics_learner.store.online_record import OnlineRecord
@@ -64,7 +65,7 @@ def test_learns_as_observations_arrive(store, background, throws, true_parameter
 
 def saved(store):
     text = OnlineRecord(store.database).state()
-    return 0 if text is None else json.loads(text)["processed"]
+    return 0 if text is None else OnlineState.from_json(text).processed
 
 
 def test_killed_learning_resumes_exactly(store, background, throws):
@@ -80,8 +81,8 @@ def test_killed_learning_resumes_exactly(store, background, throws):
         wait_until(lambda stopped=process: ended(stopped))
         reports.append(saved(store))
         # The state and the version that goes with it: both or none.
-        state = json.loads(OnlineRecord(store.database).state())
-        assert state["published"]["version"] == store.newest_version()
+        state = OnlineState.from_json(OnlineRecord(store.database).state())
+        assert state.published.version == store.newest_version()
     assert reports == sorted(reports)
     assert len(reports) >= 2
 

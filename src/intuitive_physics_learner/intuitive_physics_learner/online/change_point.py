@@ -1,26 +1,15 @@
 """Whether the parameters of a pair have changed: a generalised likelihood ratio.
 
 Before some observations θ_s is known as a Gaussian about m with the covariance P. Those
-observations together have the information L = Σ Λ_i and, at m, the scores G = Σ g_i(m). While θ_s
-stays what it was, their own estimate differs from m by N(0, P + L⁺), so that
-
-    G ~ N(0, S),    S = L P L + L.
-
-Had the parameters of one pair changed by δ (E selects them) right before these observations, G
-would have the mean -L E δ and the same covariance. The logarithm of the likelihood ratio, at the
-most likely δ and doubled, is
+observations together have the information L = Σ Λ_i and, at m, the scores G = Σ g_i(m). Had the
+parameters of one pair (E selects them) changed right before, the logarithm of the likelihood ratio,
+at the most likely change and doubled, is
 
     T = vᵀ V⁺ v,    v = Eᵀ (1 + L P)⁻¹ G,    V = Eᵀ (1 + L P)⁻¹ L E,
 
-since L S⁻¹ = (1 + L P)⁻¹. Without a change T is χ² distributed with as many degrees of freedom as
-V has directions that the observations inform. The change may have come before any of the last
-observations, so each of these is tried (Willsky and Jones 1976, *A generalized likelihood ratio
-approach to the detection and estimation of jumps in linear systems*), and the rate of false alarms
-is shared among the trials (Bonferroni).
-
-One disturbed observation makes T as large as a change does. A change needs several observations
-that agree with each other: T must be as improbable without any one of them, and most of them must
-be as near to the estimate that they have in common as chance puts them.
+and without a change χ² distributed (`docs/method/learning.md`). One disturbed observation makes T
+as large as a change does, so several observations must agree: T must be as improbable without any
+one of them, and most of them must be as near to their common estimate as chance puts them.
 """
 
 from __future__ import annotations

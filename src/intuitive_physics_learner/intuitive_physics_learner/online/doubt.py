@@ -24,9 +24,15 @@ from intuitive_physics_learner.assessment.assessment import (
 )
 from intuitive_physics_learner.assessment.reasons import Reason
 from intuitive_physics_learner.assessment.undisturbed_motion import undisturbed_misfits
+from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.online.lone_fit import LoneFit
 from intuitive_physics_learner.online.online_state import Member, OnlineState, Signs
+from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
+
+FREE_SCANS = (2, 5)
+"""Numbers of steps after which a lone fit that knows nothing of θ_s scans each parameter; set by
+hand."""
 
 CONFLICT = 7.0
 """Logarithm of the ratio of evidences, of what is not bound by what is known to what is, from which
@@ -35,39 +41,63 @@ on an observation contradicts what is known: odds of a thousand to one."""
 LARGEST_DOUBTFUL_COUNT = 16
 """Largest number of doubtful observations that are kept to be fitted again."""
 
-LOWEST_LOG_P = -1e6
-"""Logarithm of a p value at least, that of one that is 0 in double precision included."""
-
 
 @dataclass(frozen=True, eq=False)
-class Doubt:
-    """Why an observation is set aside.
+class Examined:
+    """An observation beside what is known.
 
     Parameters
     ----------
-    fit : that says what the observation shows by itself
-    signs : by this fit
-    assessment : to be noted
+    fit : to what is known
+    member : with what the observation says by itself
+    doubt : why it is to be set aside; None: it is not
     """
 
     fit: LoneFit
-    signs: Signs
-    assessment: Assessment
+    member: Member
+    doubt: Assessment | None
 
     @property
-    def disturbed(self) -> bool:
-        """Whether nothing explains it, so that it says nothing of any knowledge."""
-        return not self.assessment.reason.startswith(Reason.CONTRADICTORY.value)
+    def predictable(self) -> bool:
+        """Whether something explains it, be it other parameters."""
+        return self.doubt is None or self.doubt.reason.startswith(Reason.CONTRADICTORY.value)
+
+
+def examine(state: OnlineState, cost: Cost, simulator: Simulator, number: int) -> Examined:
+    """Fit the `number`-th observation to what is known, and judge it by its signs."""
+    (observation,) = cost.observations
+    fit = LoneFit(cost, state, state.prior)
+    if fit.blocked:
+        fit = LoneFit(cost, state, state.prior, careful=True)
+    signs = signs_of(fit, simulator)
+    others = {member.id: member.signs for member in (*state.kept, *state.doubtful)}
+    doubt = assessed({**others, observation.id: signs})[-1]
+    good = doubt.status == USED
+    if good and not fit.blocked:
+        return Examined(fit, fit.member(number, signs), None)
+    free = LoneFit(cost, state, Gaussian.within_bounds(state.prior.mean), scans=FREE_SCANS)
+    horizon = max(free.observation_fit.horizon, fit.observation_fit.horizon)
+    gain = free.log_evidence(horizon) - fit.log_evidence(horizon)
+    if gain > CONFLICT:
+        freely = signs_of(free, simulator)
+        if good or assessed({**others, observation.id: freely})[-1].status == USED:
+            odds = f"e^{gain:.0f} times as likely with other parameters"
+            reason, weight = f"{Reason.CONTRADICTORY.value}: {odds}", float(np.exp(-gain))
+            contradiction = Assessment(observation.id, weight, reason, DOUBTFUL)
+            return Examined(fit, free.member(number, freely), contradiction)
+    return Examined(fit, (fit if good else free).member(number, signs), None if good else doubt)
 
 
 def signs_of(fit: LoneFit, simulator: Simulator) -> Signs:
-    """Test laws of motion, and follow undisturbed motions from where a fit stops."""
-    (observation,) = fit.observations
-    (violations,) = violations_of([observation])
+    """Test laws of motion, and follow undisturbed motions from where a fit stops.
+
+    All are finite, so that they can be stored.
+    """
+    (violations,) = violations_of([fit.observation])
     misfits, times = undisturbed_misfits(fit.fit, simulator, np.random.default_rng(0))
     return Signs(
-        max(least_log_p(violations), LOWEST_LOG_P),
-        assessed_by_laws(observation, violations, 0.0).reason,
+        float(np.nan_to_num(least_log_p(violations))),
+        assessed_by_laws(fit.observation, violations, 0.0).reason,
         float(np.nan_to_num(misfits, nan=NOISE_LOSS)[0]),
         float(np.nan_to_num(times)[0]),
     )
@@ -83,28 +113,6 @@ def assessed(members: Mapping[str, Signs]) -> list[Assessment]:
     ]
     misfits, times = np.array([[each.misfit, each.time] for each in signs]).reshape(-1, 2).T
     return list(reassessed(by_laws, misfits, times))
-
-
-def reason_for_doubt(
-    state: OnlineState, fit: LoneFit, signs: Signs, simulator: Simulator
-) -> Doubt | None:
-    """Return why an observation is doubtful, by a fit to what is known; None where it is not."""
-    (observation,) = fit.observations
-    others = {member.id: member.signs for member in (*state.kept, *state.doubtful)}
-    assessment = assessed({**others, observation.id: signs})[-1]
-    good = assessment.status == USED
-    if good and not fit.blocked:
-        return None
-    free = fit.knowing_nothing(state)
-    horizon = max(free.observation_fit.horizon, fit.observation_fit.horizon)
-    gain = free.log_evidence(horizon) - fit.log_evidence(horizon)
-    if gain > CONFLICT:
-        freely = signs_of(free, simulator)
-        if good or assessed({**others, observation.id: freely})[-1].status == USED:
-            odds = f"e^{gain:.0f} times as likely with other parameters"
-            reason, weight = f"{Reason.CONTRADICTORY.value}: {odds}", float(np.exp(-gain))
-            return Doubt(free, freely, Assessment(observation.id, weight, reason, DOUBTFUL))
-    return None if good else Doubt(free, signs, assessment)
 
 
 def set_aside_disturbed(state: OnlineState) -> list[Assessment]:

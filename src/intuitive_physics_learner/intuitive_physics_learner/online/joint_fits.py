@@ -93,22 +93,18 @@ class JointProblem:
         state.add_up()
 
 
+@dataclass(frozen=True, eq=False)
 class JointFits:
     """Fits what a state keeps to observations by their ids, with a simulator."""
 
-    def __init__(
-        self,
-        state: OnlineState,
-        simulator: Simulator,
-        options: OnlineOptions,
-        seconds_left: Callable[[], float],
-    ) -> None:
-        self._state, self._simulator, self._options = state, simulator, options
-        self._seconds_left = seconds_left
+    state: OnlineState
+    simulator: Simulator
+    options: OnlineOptions
+    seconds_left: Callable[[], float]
 
     def fit_window(self, observations: Mapping[str, Observation]) -> None:
         """Fit the observations of the window jointly and take the posterior over."""
-        state = self._state
+        state = self.state
         if not state.window:
             return
         problem = self._problem(state.window, observations, state.before_window())
@@ -123,7 +119,7 @@ class JointFits:
         The starts are the present estimate, what is published where that is far away, what was
         known before all observations, and points drawn from that.
         """
-        state = self._state
+        state = self.state
         state.next_refit = 2 * (state.used - state.begun)
         if not state.kept:
             return
@@ -153,22 +149,22 @@ class JointFits:
     @property
     def _present(self) -> Gaussian:
         """What is known, about the present estimate."""
-        return Gaussian.about(self._state.unit, self._state.prior.precision)
+        return Gaussian.about(self.state.unit, self.state.prior.precision)
 
     def _problem(
         self, members: list[Member], observations: Mapping[str, Observation], known: Gaussian
     ) -> JointProblem:
         """Return the fit of some members, to what is known without them."""
-        state = self._state
+        state = self.state
         observed = [observations[member.id] for member in members]
         influence = state.influence(observed)
         active: NDArray[np.bool_] = np.asarray(influence.any(axis=0))
         parameters = np.flatnonzero(active)
         prior = known.bounded(state.centre)
         points = [detected(each) for each in observed]
-        cost = TrajectoryCost(points, self._simulator, state.materials)
+        cost = TrajectoryCost(points, self.simulator, state.materials)
         space = ActiveSpace(state.space, active, state.parameters)
-        tau = self._options.time_constant
+        tau = self.options.time_constant
         ages = np.array([age_weight(state, member, tau) for member in members])
         task = FitTask(cost, space, influence[:, active], prior.marginal(parameters), ages)
         return JointProblem(state, members, parameters, prior, task)
@@ -178,7 +174,7 @@ class JointFits:
 
         What they say was linearised where the estimate was then.
         """
-        state = self._state
+        state = self.state
         if state.retired.equals(state.ground):
             return
         likelihoods = [member.likelihood for member in state.kept]
@@ -186,13 +182,13 @@ class JointFits:
         for parameters in state.families.values():
             prior = state.retired.bounded(state.centre)
             probability = change_probability(prior, likelihoods, parameters, weights)
-            if probability < self._options.false_alarm_rate:
+            if probability < self.options.false_alarm_rate:
                 state.forget_pair(parameters, ground=False)
         state.add_up()
 
     def _run(self, fit: JointFit | StagedFit, steps: int) -> None:
         """Take steps, at least one, until the fit has settled or the time is over."""
         for _ in range(steps):
-            if fit.settled or (fit.steps and self._seconds_left() <= 0.0):
+            if fit.settled or (fit.steps and self.seconds_left() <= 0.0):
                 break
             fit.step()

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from intuitive_physics.observation import Observation
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.joint_fit import (
     JointEstimationSettings,
     JointFit,
     ObservationFit,
 )
-from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
 from intuitive_physics_learner.joint_estimation.several_starts import log_evidences
-from intuitive_physics_learner.online.online_state import OnlineState
+from intuitive_physics_learner.online.online_state import Member, OnlineState, Signs
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask
 from intuitive_physics_learner.search.search_space import ActiveSpace
@@ -33,10 +30,6 @@ MISFIT_STEPS = 4
 """Number of last steps of a lone fit in which a misfit means that the motion cannot be explained
 farther: an advance beyond what can be explained ends in a misfit every other step or third."""
 
-FREE_SCANS = (2, 5)
-"""Numbers of steps after which a lone fit that knows nothing of θ_s scans each parameter; set by
-hand."""
-
 LARGEST_ADVANCE = 0.5
 """Largest advance of a fit horizon in one step, s: more than in a fit that begins with nothing, for
 what is known predicts farther; set by hand."""
@@ -47,7 +40,8 @@ class LoneFit:
 
     Attributes
     ----------
-    fit : to the observation, over the parameters that it can depend on
+    observation : by its detections
+    fit : to it, over the parameters that it can depend on
     blocked : whether the motion cannot be explained farther than `horizon`
     """
 
@@ -60,6 +54,7 @@ class LoneFit:
         scans: tuple[int, ...] = (),
         careful: bool = False,
     ) -> None:
+        (self.observation,) = cost.observations
         (influence,) = state.influence(cost.observations)
         self._parameters = np.flatnonzero(influence)
         self._task = FitTask(
@@ -81,24 +76,16 @@ class LoneFit:
         self.blocked = since < MISFIT_STEPS
 
     @property
-    def observations(self) -> Sequence[Observation]:
-        """The observation, by its detections."""
-        return self._task.cost.observations
-
-    def knowing_nothing(self, state: OnlineState) -> LoneFit:
-        """Return a fit to the same observation that knows nothing of θ_s."""
-        nothing = Gaussian.within_bounds(state.prior.mean)
-        return LoneFit(self._task.cost, state, nothing, scans=FREE_SCANS)
-
-    @property
     def observation_fit(self) -> ObservationFit:
         """Initial states and fit horizon."""
         return self.fit.observation_fits()[0]
 
-    def likelihood(self) -> LocalLikelihood:
-        """Return what the observation says of all n parameters, near the estimate."""
+    def member(self, number: int, signs: Signs) -> Member:
+        """Return the observation, the `number`-th, with what it says of all n parameters."""
         (likelihood,) = self.fit.likelihoods(look_for_spins=True)
-        return replace(likelihood, parameters=self._parameters[likelihood.parameters])
+        likelihood = replace(likelihood, parameters=self._parameters[likelihood.parameters])
+        name, stamp = self.observation.id, self.observation.start_time
+        return Member(name, number, stamp, self.observation_fit, likelihood, signs)
 
     def log_evidence(self, horizon: float, prior: Gaussian | None = None) -> float:
         """Return ln ∫ p(points up to a horizon | θ_s) p(θ_s) dθ_s by Laplace's approximation.

@@ -9,7 +9,6 @@ known then is published (`publication`).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -23,14 +22,13 @@ from intuitive_physics_learner.joint_estimation.point_noise import detected
 from intuitive_physics_learner.joint_estimation.spin_evidence import SpinEvidence
 from intuitive_physics_learner.online.change_point import forget_what_changed
 from intuitive_physics_learner.online.doubt import (
-    reason_for_doubt,
+    Examined,
+    examine,
     set_aside,
     set_aside_disturbed,
-    signs_of,
     take_back,
 )
 from intuitive_physics_learner.online.joint_fits import JointFits
-from intuitive_physics_learner.online.lone_fit import LoneFit
 from intuitive_physics_learner.online.memory import RECENT, grow_older, let_go_of_old, retire
 from intuitive_physics_learner.online.online_state import Member, OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
@@ -126,7 +124,8 @@ class OnlineLearner:
             fits.fit_window(self._observations)
         assessments += self._follow_change(fits)
         if is_to_be_published(state):
-            publish(state, self._cost_of_window())
+            window = self._cost([self._observations[member.id] for member in state.window])
+            publish(state, float(window.costs([state.parameters])[0]))
         self._drop_observations()
         return assessments
 
@@ -180,43 +179,35 @@ class OnlineLearner:
         if not state.influence([observation]).any():
             return []
         try:
-            cost = self._cost([detected(observation)])
-            fit = LoneFit(cost, state, state.prior)
-            if fit.blocked:
-                fit = LoneFit(cost, state, state.prior, careful=True)
+            examined = self._examined(observation, state.processed)
         except UnsupportedSceneError as error:
             self.problem = f"observation {observation.id} is passed over: {error}"
             state.set_aside += 1
             return [Assessment(observation.id, 0.0, str(error), DOUBTFUL)]
         self._observations[observation.id] = observation
-        signs = signs_of(fit, self._simulator)
-        doubt = reason_for_doubt(state, fit, signs, self._simulator)
-        if doubt is None or not doubt.disturbed:
-            count_prediction(state, fit)
-        if doubt is not None:
-            fit, signs = doubt.fit, doubt.signs
-        number, stamp = state.processed, observation.start_time
-        member = Member(observation.id, number, stamp, fit.observation_fit, fit.likelihood(), signs)
-        if doubt is None:
-            state.window.append(member)
+        if examined.predictable:
+            count_prediction(state, examined.fit)
+        if examined.doubt is None:
+            state.window.append(examined.member)
             return []
-        set_aside(state, member)
-        return [doubt.assessment]
+        set_aside(state, examined.member)
+        return [examined.doubt]
 
     def _examine_again(self) -> list[Assessment]:
-        """Fit the doubtful observation whose last fit is oldest to the present knowledge."""
+        """Examine the doubtful observation that was examined first of all by what is known now."""
         state = self.state
         if not state.doubtful or state.doubtful[0].number > state.processed - RECENT:
             return []
         member = state.doubtful.pop(0)
-        cost = self._cost([detected(self._observations[member.id])])
-        fit = LoneFit(cost, state, state.prior)
-        signs = signs_of(fit, self._simulator)
-        if reason_for_doubt(state, fit, signs, self._simulator) is not None:
-            state.doubtful.append(member)
-            return []
-        known = replace(member, fit=fit.observation_fit, likelihood=fit.likelihood(), signs=signs)
-        return [take_back(state, known)]
+        examined = self._examined(self._observations[member.id], member.number)
+        if examined.doubt is None:
+            return [take_back(state, examined.member)]
+        state.doubtful.append(member)
+        return []
+
+    def _examined(self, observation: Observation, number: int) -> Examined:
+        """Return the `number`-th observation beside what is known."""
+        return examine(self.state, self._cost([detected(observation)]), self._simulator, number)
 
     def _follow_change(self, fits: JointFits) -> list[Assessment]:
         """Forget parameters that have changed, and learn them again from what came since."""
@@ -243,11 +234,6 @@ class OnlineLearner:
 
     def _cost(self, observations: Sequence[Observation]) -> TrajectoryCost:
         return TrajectoryCost(observations, self._simulator, self.state.materials)
-
-    def _cost_of_window(self) -> float:
-        """J in m of the estimate."""
-        cost = self._cost([self._observations[member.id] for member in self.state.window])
-        return float(cost.costs([self.state.parameters])[0])
 
     def _drop_observations(self) -> None:
         """Keep the observations that the state needs, those that were set aside included."""

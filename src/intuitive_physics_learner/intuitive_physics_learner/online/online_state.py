@@ -324,21 +324,9 @@ class OnlineState:
         )
 
 
-_CLASSES = {
-    each.__name__: each
-    for each in (
-        OnlineState,
-        Member,
-        ObservationFit,
-        LocalLikelihood,
-        Gaussian,
-        Signs,
-        ChangePoint,
-        LearnedParameters,
-        SpinEvidence,
-        SpinLikelihood,
-    )
-}
+_PARTS = (OnlineState, Member, Signs, ChangePoint, LearnedParameters, Gaussian)
+_FOUND = (ObservationFit, LocalLikelihood, SpinEvidence, SpinLikelihood)
+_CLASSES: dict[str, type] = {each.__name__: each for each in (*_PARTS, *_FOUND)}
 """Classes of what is remembered, by their names."""
 
 

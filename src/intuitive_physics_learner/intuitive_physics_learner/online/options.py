@@ -4,20 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from intuitive_physics.settings import check_settings, choice, number
-from intuitive_physics_learner.methods import JOINT_METHOD
+from intuitive_physics.settings import check_settings, number
 
 
 @dataclass(frozen=True)
 class OnlineOptions:
     """How to learn in the background. Ranges are those that a user of the node may give."""
 
-    method: str = choice(
-        JOINT_METHOD,
-        (JOINT_METHOD,),
-        "of learning in the background, which is recursive; the others search over all "
-        "observations, when asked to learn",
-    )
     seconds: float = number(
         30.0,
         0.1,

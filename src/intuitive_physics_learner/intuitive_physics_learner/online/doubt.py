@@ -69,7 +69,8 @@ def examine(state: OnlineState, cost: Cost, simulator: Simulator, number: int) -
     fit = LoneFit(cost, state, state.prior)
     if fit.blocked:
         fit = LoneFit(cost, state, state.prior, careful=True)
-    signs = signs_of(fit, simulator)
+    generator = np.random.default_rng(number)
+    signs = signs_of(fit, simulator, generator)
     others = {member.id: member.signs for member in (*state.kept, *state.doubtful)}
     doubt = assessed({**others, observation.id: signs})[-1]
     good = doubt.status == USED
@@ -79,7 +80,7 @@ def examine(state: OnlineState, cost: Cost, simulator: Simulator, number: int) -
     horizon = max(free.observation_fit.horizon, fit.observation_fit.horizon)
     gain = free.log_evidence(horizon) - fit.log_evidence(horizon)
     if gain > CONFLICT:
-        freely = signs_of(free, simulator)
+        freely = signs_of(free, simulator, generator)
         if good or assessed({**others, observation.id: freely})[-1].status == USED:
             odds = f"e^{gain:.0f} times as likely with other parameters"
             reason, weight = f"{Reason.CONTRADICTORY.value}: {odds}", float(np.exp(-gain))
@@ -88,13 +89,13 @@ def examine(state: OnlineState, cost: Cost, simulator: Simulator, number: int) -
     return Examined(fit, (fit if good else free).member(number, signs), None if good else doubt)
 
 
-def signs_of(fit: LoneFit, simulator: Simulator) -> Signs:
+def signs_of(fit: LoneFit, simulator: Simulator, generator: np.random.Generator) -> Signs:
     """Test laws of motion, and follow undisturbed motions from where a fit stops.
 
     All are finite, so that they can be stored.
     """
     (violations,) = violations_of([fit.observation])
-    misfits, times = undisturbed_misfits(fit.fit, simulator, np.random.default_rng(0))
+    misfits, times = undisturbed_misfits(fit.fit, simulator, generator)
     return Signs(
         float(np.nan_to_num(least_log_p(violations))),
         assessed_by_laws(fit.observation, violations, 0.0).reason,

@@ -50,6 +50,10 @@ STATIC_SUCCESSES = 0.8
 """Part of the searches so far in which what was there when the environment was modelled must have
 been found to be a sphere; a ball is one in nearly all of them."""
 
+ROUND_OUTLINE = 0.7
+"""Part that a cluster is of the disc as wide as it is from which on it may be a ball by its
+outline: half of a disc is one half."""
+
 APART_ROUNDS = 2
 """Rounds in which the spheres of a cluster are fitted again: in the first one, the others were
 drawn to each other's side."""
@@ -161,7 +165,10 @@ class SphereFinder:
         followed = _followed_in(flat, order, starts, expected)
         others_wait = any(memory.waited > 0 for memory in remembered)
         has_begun = False
-        for k in _in_turn(followed, clusters.new, remembered):
+        is_round = roundness_of(order, starts, points.shape[1]) > ROUND_OUTLINE
+        if points.shape[0] == 1:
+            is_round[:] = True
+        for k in _in_turn(followed, clusters.new, remembered, is_round):
             cluster, memory = clusters.indices[k], remembered[k]
             if budget.is_spent and not followed[k]:
                 budget.waiting += 1
@@ -342,17 +349,21 @@ def _in_turn(
     followed: Sequence[Sequence[Start]],
     new: Sequence[bool],
     remembered: Sequence[RememberedCluster[None]],
+    is_round: Sequence[bool],
 ) -> list[int]:
     """Return the order in which clusters have their turn while there is time.
 
     What is followed comes first, then what is new, then the rest. Of the new ones, what has just
-    come into view, as a ball in flight does in each frame, and what has waited longest take turns.
+    come into view, as a ball in flight does in each frame, and what has waited longest take turns;
+    of what has just come, what has a round outline is first, and of that what is large: what
+    flickers is small and seldom round.
 
     `followed`: spheres that are expected in each; `new`: whether each is; `remembered`: what is
-    known of each.
+    known of each; `is_round`: whether its outline is.
     """
     order = sorted(range(len(new)), key=lambda k: (-remembered[k].waited, remembered[k].count))
     came = [k for k in order if new[k] and not followed[k] and remembered[k].has_just_come]
+    came.sort(key=lambda k: (not is_round[k], -remembered[k].count))
     stayed = [k for k in order if new[k] and not followed[k] and not remembered[k].has_just_come]
     taking_turns = [k for both in zip_longest(came, stayed) for k in both if k is not None]
     return [
@@ -393,6 +404,27 @@ def means_of(points: Any, order: Any, starts: Any) -> Any:
                 means[k, axis] += points[order[j], axis]
         means[k] /= max(starts[k + 1] - starts[k], 1)
     return means
+
+
+@allocating_entry
+def roundness_of(order: Any, starts: Any, width: int) -> Any:
+    """Return the part (k,) that each cluster is of the disc with its second moment along its
+    longest axis: n pixels that fill a disc have n / 4π there.
+
+    `order` and `starts` as in `means_of`, of pixels; `width` of the image.
+    """
+    parts = np.zeros(starts.size - 1)
+    for k in range(starts.size - 1):
+        n = starts[k + 1] - starts[k]
+        u = v = uu = uv = vv = 0.0
+        for j in range(starts[k], starts[k + 1]):
+            row, column = float(order[j] // width), float(order[j] % width)
+            u, v = u + column / n, v + row / n
+            uu, uv, vv = uu + column * column / n, uv + column * row / n, vv + row * row / n
+        uu, uv, vv = uu - u * u, uv - u * v, vv - v * v
+        longest = 0.5 * (uu + vv + np.sqrt((uu - vv) ** 2 + 4.0 * uv * uv))
+        parts[k] = n / (4.0 * np.pi * max(longest, 1e-9))
+    return parts
 
 
 @allocating_entry

@@ -52,6 +52,9 @@ Set by hand: the ring begins where the flickering edge of a free ball does not r
 PATCH_RINGS = 3
 """Rings of equal area, each of `SECTORS` patches, into which the disc of a sphere is divided."""
 
+UNKNOWN_BULGE = 30.0
+"""Standard deviation, in radii, of what too few patches leave open: numerical."""
+
 STEEPEST_SLOPE = 1.7320508
 """Tangent of 60°, the angle of incidence up to which a surface that goes on is expected to be
 read."""
@@ -275,8 +278,7 @@ def bulge_of(patches: NDArray[np.float64], variances: NDArray[np.float64], radiu
     modes += [s2, s2 * np.cos(2.0 * angle), s2 * np.sin(2.0 * angle)]
     deviations = np.sqrt(variances)
     rows = np.column_stack(modes) * (radius * upright / deviations)[:, None]
-    # What few patches leave open is about a radius.
-    spread = np.linalg.inv(rows.T @ rows + np.eye(len(modes)))
+    spread = np.linalg.inv(rows.T @ rows + UNKNOWN_BULGE**-2 * np.eye(len(modes)))
     coefficients = spread @ rows.T @ (patches[seen, 1] / deviations)
     return Bulge(coefficients[3:], np.linalg.inv(spread[3:, 3:]))
 

@@ -10,7 +10,7 @@ from time import perf_counter
 class FrameBudget:
     """Time of a frame for hypotheses of all kinds: what it does not reach waits for the next frame.
 
-    What is followed is looked at in any case.
+    What is followed is looked for where it is expected in any case.
 
     Parameters
     ----------

@@ -358,7 +358,8 @@ class PerceptionPipeline:
                     replace(detection, delay=float(offsets.reshape(-1)[seen].mean()))
                     for detection, seen in zip(detections, pixels, strict=True)
                 ]
-            ended = scene.tracker.update(time, detections, camera)
+            others = max(sum(clusters.new) - len(detections), 0)
+            ended = scene.tracker.update(time, detections, camera, others)
             shown = scene.tracker.objects_among(detections)
             pixels = [pixels[k] for k in shown]
             eye.stages.foreground.expect_objects(pixels)

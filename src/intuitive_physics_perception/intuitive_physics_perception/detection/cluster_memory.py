@@ -32,7 +32,7 @@ FRAMES_REMEMBERED = 15
 Result = TypeVar("Result")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class RememberedCluster(Generic[Result]):
     """A cluster, in how many frames it has stayed as it is, and the result of its search.
 
@@ -43,8 +43,8 @@ class RememberedCluster(Generic[Result]):
     frames : in which it was there as it is now, less those in which its search had to wait
     phase : in which frame of a period it is searched, so that not all are in the same one
     result : what the last search found
-    unseen : frames since it was there
     waited : frames in which its search had to wait, since the last one
+    looks : how often its outline was looked at in vain meanwhile
     searches, successes : how often it was searched, and how often something was found
     """
 
@@ -53,8 +53,8 @@ class RememberedCluster(Generic[Result]):
     frames: int
     phase: int
     result: Result | None
-    unseen: int = 0
     waited: int = 0
+    looks: int = 0
     searches: int = 0
     successes: int = 0
 
@@ -63,6 +63,11 @@ class RememberedCluster(Generic[Result]):
         """Whether to search it: what stays the same only rarely, as that costs most of the time."""
         period = SEARCH_PERIOD
         return self.frames < FIRST_SEARCHES or (self.frames + self.phase) % period == 0
+
+    @property
+    def deserves_a_look(self) -> bool:
+        """Whether to look at its outline while its search has to wait."""
+        return self.deserves_a_search and self.looks < FIRST_SEARCHES
 
     @property
     def has_just_come(self) -> bool:
@@ -95,48 +100,66 @@ class ClusterMemory(Generic[Result]):
         self._next: list[RememberedCluster[Result]] = []
         self._centres = np.zeros((0, 3))
         self._counts = np.zeros(0, dtype=np.int64)
+        # Frames since each was there.
+        self._unseen = np.zeros(0, dtype=np.int64)
 
     def look_from(self, pose: RigidTransform) -> None:
         """Take the pose of the sensor in a frame that stands still."""
         self._pose = pose
 
-    def recall(self, points: NDArray[np.float64]) -> RememberedCluster[Result]:
-        """Return what is known of a cluster.
+    def recall(
+        self, middles: NDArray[np.float64], counts: NDArray[np.int64]
+    ) -> list[RememberedCluster[Result]]:
+        """Return what is known of the clusters of a frame, or of some of them.
 
-        `points` (n, 3) m, its points in the sensor's frame.
+        `middles` (n, 3) m, means of their points in the sensor's frame; `counts` (n,) of points.
         """
-        middle, count = points.mean(axis=0), len(points)
-        centre = self._pose.points(middle)
+        centres = self._pose.points(middles)
         # The difference of the means of two times n readings.
-        variance = self._noise.deviation(np.linalg.norm(middle)) ** 2 * self._noise.correlated
-        moved = MOVEMENT_SIGMAS * np.sqrt(2.0 * variance / count)
+        deviations = self._noise.deviation(np.linalg.norm(middles, axis=1))
+        moved = MOVEMENT_SIGMAS * deviations * np.sqrt(2.0 * self._noise.correlated / counts)
+        return [
+            self._recalled(centre, int(count), (self._stillness + float(noise)) ** 2)
+            for centre, count, noise in zip(centres, counts, moved, strict=True)
+        ]
+
+    def _recalled(
+        self, centre: NDArray[np.float64], count: int, moved2: float
+    ) -> RememberedCluster[Result]:
+        """What is known of one cluster, which may have moved by the root of `moved2`, m²."""
         alike = (np.abs(count - self._counts) < COUNT_TOLERANCE * self._counts) & (
-            np.square(self._centres - centre).sum(axis=1) < (self._stillness + moved) ** 2
+            np.square(self._centres - centre).sum(axis=1) < moved2
         )
         if alike.any():
             k = int(np.argmax(alike))
             # Each is recalled once.
             self._counts[k] = 0
             old = self._last[k]
-            return replace(old, centre=centre, count=count, frames=old.frames + 1, unseen=0)
+            old.centre, old.count, old.frames = centre, count, old.frames + 1
+            return old
         self._turn += 1
         return RememberedCluster(centre, count, 0, self._turn, None)
 
     def keep(self, cluster: RememberedCluster[Result], result: Result | None) -> None:
         """Remember a cluster for the next frame with the result of its search."""
-        self._next.append(replace(cluster, result=result, waited=0))
+        cluster.result, cluster.waited, cluster.looks = result, 0, 0
+        self._next.append(cluster)
 
-    def postpone(self, cluster: RememberedCluster[Result]) -> None:
-        """Remember a cluster of which the search has to wait for the next frame."""
-        self._next.append(replace(cluster, frames=cluster.frames - 1, waited=cluster.waited + 1))
+    def postpone(self, cluster: RememberedCluster[Result], *, looked: bool = False) -> None:
+        """Remember a cluster of which the search has to wait for the next frame.
+
+        `looked`: whether its outline was looked at.
+        """
+        cluster.frames -= 1
+        cluster.waited += 1
+        cluster.looks += looked
+        self._next.append(cluster)
 
     def end_frame(self) -> None:
         """Forget clusters that were neither kept nor there for a while."""
-        missing = [
-            replace(old, unseen=old.unseen + 1)
-            for old, count in zip(self._last, self._counts, strict=True)
-            if count > 0 and old.unseen < FRAMES_REMEMBERED
-        ]
-        self._last, self._next = self._next + missing, []
+        missing = np.flatnonzero((self._counts > 0) & (self._unseen < FRAMES_REMEMBERED))
+        unseen = self._unseen[missing] + 1
+        self._last, self._next = self._next + [self._last[k] for k in missing], []
+        self._unseen = np.concatenate([np.zeros(len(self._last) - len(missing), np.int64), unseen])
         self._centres = np.array([old.centre for old in self._last]).reshape(-1, 3)
         self._counts = np.array([old.count for old in self._last], dtype=np.int64)

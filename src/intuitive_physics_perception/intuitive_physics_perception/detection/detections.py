@@ -10,7 +10,25 @@ from numpy.typing import NDArray
 from intuitive_physics.shapes import Box, Capsule
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class Bulge:
+    """How a smooth surface deviates from a sphere of radius r with the same outline.
+
+    Besides a shift and a tilt, which an outline does not know, it lies by
+    (a s² + b s² cos 2φ + c s² sin 2φ) r outside the sphere, s radii across the line of sight: for a
+    flat one a is ½.
+
+    Parameters
+    ----------
+    coefficients : (3,) a, b, c
+    information : (3, 3), inverse of their covariance
+    """
+
+    coefficients: NDArray[np.float64]
+    information: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
 class Outline:
     """How a sphere stands apart from what is about it.
 
@@ -23,6 +41,7 @@ class Outline:
     level_off_planes : the same for what is on no plane of the environment
     ends : part of the ring in which what is read lies behind all that could go on
     visible : part of the outline's disc in which its surface is read
+    bulge : how that surface deviates from the sphere
     """
 
     new: float | None
@@ -32,6 +51,7 @@ class Outline:
     level_off_planes: float
     ends: float
     visible: float
+    bulge: Bulge
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from intuitive_physics_perception.detection.detections import DetectedSphere, Ou
 from intuitive_physics_perception.detection.sphere_fit import readings_beyond, refine_sphere
 from intuitive_physics_perception.detection.sphere_inspection import (
     OutlineView,
+    bulge_of,
     inspect_sphere,
     look_round_outline,
     outside_in_sectors,
@@ -395,28 +396,29 @@ class SphereFitter:
     def _outline(self, view: ClusterView, fit: SphereFit, visible: float) -> Outline | None:
         """How the sphere stands apart from what is about it; None where its surface is none."""
         seen = self._looked_round(view, fit.sphere)
-        if self._misfit_of(seen.patches, fit) > SHAPE_MISFIT:
+        spread = self._spread_of(seen.patches, fit)
+        errors = seen.patches[seen.patches[:, 0] > 0.0, 1]
+        # The mean of a patch averages the noise away, so that it distinguishes shapes that differ
+        # by less than the noise of one reading: about one for a sphere.
+        if np.sum(errors**2 / spread) > SHAPE_MISFIT * max(len(errors) - 4, 1):
             return None
+        bulge = bulge_of(seen.patches, spread, float(fit.sphere[3]))
         goes_on = float(np.mean(seen.going_on > 0.5))
+        seen_apart = goes_on, seen.level, seen.level_off_planes, seen.ends, visible, bulge
         if not view.knows_before:
-            return Outline(None, None, goes_on, seen.level, seen.level, seen.ends, visible)
-        off_planes = seen.level_off_planes
-        return Outline(seen.new, seen.known, goes_on, seen.level, off_planes, seen.ends, visible)
+            return Outline(None, None, *seen_apart)
+        return Outline(seen.new, seen.known, *seen_apart)
 
     def _looked_round(self, view: ClusterView, sphere: NDArray[np.float64]) -> OutlineView:
         return look_round_outline(*view.surroundings(sphere), sphere, view.pixel, self.noise)
 
-    def _misfit_of(self, patches: NDArray[np.float64], fit: SphereFit) -> float:
-        """Mean squared error of the surface's patches (n, 3) of `OutlineView`, in variances.
-
-        The mean of a patch averages the noise away, so that it distinguishes shapes that differ by
-        less than the noise of one reading: about one for a sphere.
-        """
-        readings, errors, variances = patches[patches[:, 0] > 0.0].T
+    def _spread_of(self, patches: NDArray[np.float64], fit: SphereFit) -> NDArray[np.float64]:
+        """Variances (m,) m² of the errors of those of a surface's patches (n, 3) of `OutlineView`
+        that have readings."""
+        readings, _, variances = patches[patches[:, 0] > 0.0].T
         shared = np.minimum(1.0 + self._sharing, readings)
         unevenness = UNEVENNESS * float(fit.sphere[3])
-        spread = fit.noise_scale * variances * shared / readings + unevenness**2
-        return float(np.sum(errors**2 / spread) / max(len(errors) - 4, 1))
+        return np.asarray(fit.noise_scale * variances * shared / readings + unevenness**2)
 
 
 def _may_be_object(outline: Outline, most_goes_on: float, *, is_object: bool) -> bool:

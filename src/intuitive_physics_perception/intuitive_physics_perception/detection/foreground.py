@@ -59,6 +59,13 @@ class Clusters:
     marks: NDArray[np.uint8] | None = None
 
     @property
+    def in_a_row(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Indices (n,) of the points of all clusters, one after another, and where each begins in
+        them, (number of clusters + 1,)."""
+        starts = np.cumsum([0, *map(len, self.indices)], dtype=np.int64)
+        return np.concatenate([np.zeros(0, dtype=np.int64), *self.indices]), starts
+
+    @property
     def unknown(self) -> int:
         """Number of points where nobody has looked before."""
         return 0 if self.marks is None else int(np.count_nonzero(self.marks == UNKNOWN))
@@ -113,7 +120,7 @@ class ForegroundFinder:
 
     def before(self, points: NDArray[np.float32]) -> NDArray[np.int64]:
         """Return the indices of those of points (n, 3) m that lie before all planes."""
-        return readings_before(points, *self._bounds, self._limits)[0]
+        return readings_before(points, *self._bounds, self._limits, False)[0]
 
     def find(self, points: NDArray[np.float32]) -> Clusters:
         """Cluster the foreground of a frame of points (height, width, 3)."""
@@ -146,14 +153,12 @@ class ForegroundFinder:
     def _marks_of_readings(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], int]:
         """Marks (height, width) of readings with rays of their own; all KNOWN where nothing is
         known."""
-        flat = points.reshape(-1, 3)
-        before, readings = readings_before(flat, *self._bounds, self._limits)
+        flat, space = points.reshape(-1, 3), self._space
+        before, readings = readings_before(flat, *self._bounds, self._limits, space is not None)
         marks = np.zeros(len(flat), dtype=np.uint8)
-        if self._space is None:
-            marks[before] = KNOWN
-        else:
-            off = before[off_planes(flat[before], self._bounds[0], self._bounds[-1], self._limits)]
-            marks[off] = self._space.marks(flat[off], self._model.sensor_pose)
+        marks[before] = (
+            KNOWN if space is None else space.marks(flat[before], self._model.sensor_pose)
+        )
         return marks.reshape(points.shape[:2]), readings
 
     def _clusters(
@@ -265,9 +270,13 @@ def readings_before(
     shapes: Any,
     reliefs: Any,
     limits: Any,
+    continued: bool,
 ) -> tuple[Any, int]:
     """Return the indices of readings in range that lie before all planes, as `free_ranges` has it,
     and the number of readings in range.
+
+    `continued`: leave out what lies on a plane beyond its hull, too, as a sensor that has moved
+    sees more of a wall.
 
     A reading lies before a plane where its distance exceeds the margin at its own range: the margin
     grows with range, and the distance falls. A ray is in a plane's hull where it is in the
@@ -282,19 +291,24 @@ def readings_before(
     size = 256
     kept = np.empty(points.shape[0], dtype=np.int64)
     count = readings = 0
-    x, y, z, ranges, variances, rises = np.empty((6, size), dtype=np.float32)
-    before, inside = np.empty((2, size), dtype=np.bool_)
+    rays = np.empty((5, size), dtype=np.float32)
+    x, y, z, ranges, variances = rays
+    rises, away = np.empty((2, size), dtype=np.float32)
+    numbers = np.empty(size, dtype=np.int64)
+    inside = np.empty(size, dtype=np.bool_)
     for first in range(0, points.shape[0], size):
-        n = min(size, points.shape[0] - first)
-        for i in range(n):
-            px, py, pz = points[first + i, 0], points[first + i, 1], points[first + i, 2]
+        n = 0
+        for i in range(first, min(first + size, points.shape[0])):
+            px, py, pz = points[i, 0], points[i, 1], points[i, 2]
             range2 = px * px + py * py + pz * pz
-            length = np.sqrt(range2)
-            x[i], y[i], z[i], ranges[i] = px / length, py / length, pz / length, length
-            variances[i] = min(limits[2] + limits[3] * range2 * range2, limits[4])
             # NaN compares false with everything.
-            before[i] = (range2 >= limits[0]) & (range2 <= limits[1])
-            readings += before[i]
+            if limits[0] <= range2 <= limits[1]:
+                length = np.sqrt(range2)
+                x[n], y[n], z[n], ranges[n] = px / length, py / length, pz / length, length
+                variances[n] = min(limits[2] + limits[3] * range2 * range2, limits[4])
+                numbers[n] = i
+                n += 1
+        readings += n
         for k in range(planes.shape[0]):
             a, b, c, offset = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
             sigmas2, tolerance2 = planes[k, 4], planes[k, 5]
@@ -305,22 +319,38 @@ def readings_before(
                 distance = -offset - ranges[i] * cosine - rises[i]
                 margin2 = sigmas2 * variances[i] * cosine * cosine + tolerance2
                 ahead = (distance > 0.0) & (distance * distance > margin2)
-                inside[i] = before[i] & (cosine > 1e-6) & ~ahead
+                inside[i] = (cosine > 1e-6) & ~ahead
                 reached += inside[i]
-            if reached == 0:
-                continue
-            for j in range(starts[k], starts[k + 1]):
-                a, b, c, bound = cones[j, 0], cones[j, 1], cones[j, 2], cones[j, 3]
+                away[i] = distance
+            if reached > 0:
+                for j in range(starts[k], starts[k + 1]):
+                    a, b, c, bound = cones[j, 0], cones[j, 1], cones[j, 2], cones[j, 3]
+                    for i in range(n):
+                        inside[i] &= x[i] * a + y[i] * b + z[i] * c <= bound
+                _leave_openings(inside, x, y, z, n, planes[k], cells, grids[k], shapes[k])
+            if continued:
                 for i in range(n):
-                    inside[i] &= x[i] * a + y[i] * b + z[i] * c <= bound
-            _leave_openings(inside, x, y, z, n, planes[k], cells, grids[k], shapes[k])
-            for i in range(n):
-                before[i] &= ~inside[i]
-        for i in range(n):
-            if before[i]:
-                kept[count] = first + i
-                count += 1
+                    inside[i] |= away[i] * away[i] <= sigmas2 * variances[i] + tolerance2
+            elif reached == 0:
+                continue
+            n = _keep_outside(inside, rays, numbers, n)
+        kept[count : count + n] = numbers[:n]
+        count += n
     return kept[:count].copy(), readings
+
+
+@kernel
+def _keep_outside(inside: Any, rays: Any, numbers: Any, n: int) -> int:
+    """Move those of n rays (5, size), with their numbers (size,), that are not inside to the front,
+    in their order; return how many they are."""
+    left = 0
+    for i in range(n):
+        if not inside[i]:
+            for row in range(rays.shape[0]):
+                rays[row, left] = rays[row, i]
+            numbers[left] = numbers[i]
+            left += 1
+    return left
 
 
 @kernel
@@ -328,10 +358,15 @@ def _rise(rises: Any, x: Any, y: Any, z: Any, ranges: Any, n: int, relief: Any) 
     """Set the heights (n,) m of a surface over its plane where n readings at (n,) ranges along
     (x, y, z) stand over it, as `PlaneRelief.heights` has it."""
     rises[:n] = 0.0
-    if relief[0] == 0.0 and relief[1] == 0.0 and relief[2] == 0.0:
+    if _is_flat(relief):
         return
     for i in range(n):
         rises[i] = _height(ranges[i] * x[i], ranges[i] * y[i], ranges[i] * z[i], relief)
+
+
+@kernel
+def _is_flat(relief: Any) -> bool:
+    return relief[0] == 0.0 and relief[1] == 0.0 and relief[2] == 0.0
 
 
 @kernel
@@ -360,25 +395,6 @@ def _leave_openings(
         column = int(np.floor(far * (x[i] * grid[3] + y[i] * grid[4] + z[i] * grid[5]) - grid[7]))
         if 0 <= row < rows and 0 <= column < columns:
             inside[i] = not cells[first + row * columns + column]
-
-
-@allocating_entry
-def off_planes(points: Any, planes: Any, reliefs: Any, limits: Any) -> Any:
-    """Mark the points (n, 3) m that lie on no plane, beyond its hull, either: a sensor that has
-    moved sees more of a wall.
-
-    `planes` (m, 6), `reliefs` (m, 14) and `limits` (5,) as in `readings_before`.
-    """
-    off = np.ones(points.shape[0], dtype=np.bool_)
-    for i in range(points.shape[0]):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        range2 = x * x + y * y + z * z
-        variance = min(limits[2] + limits[3] * range2 * range2, limits[4])
-        for k in range(planes.shape[0]):
-            along = x * planes[k, 0] + y * planes[k, 1] + z * planes[k, 2] - planes[k, 3]
-            along -= _height(x, y, z, reliefs[k])
-            off[i] &= along * along > planes[k, 4] * variance + planes[k, 5]
-    return off
 
 
 def free_ranges(

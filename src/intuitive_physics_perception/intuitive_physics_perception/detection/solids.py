@@ -83,7 +83,9 @@ class SolidFinder:
         if not self._may_be_whole(points, cluster):
             return None
         readings = points.reshape(-1, 3)[cluster].astype(np.float64)
-        remembered = self._memory.recall(readings)
+        (remembered,) = self._memory.recall(
+            readings.mean(axis=0, keepdims=True), np.array([len(readings)])
+        )
         if not remembered.deserves_a_search:
             solid = remembered.result
         elif budget.is_spent:

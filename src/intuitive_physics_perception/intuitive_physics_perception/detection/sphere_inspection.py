@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.kernels import allocating_entry, allocating_kernel, inlined, kernel
+from intuitive_physics_perception.detection.detections import Bulge
 from intuitive_physics_perception.detection.sphere_fit import (
     BEHIND_SIGMAS,
     INLIER_SIGMAS,
@@ -50,6 +51,9 @@ Set by hand: the ring begins where the flickering edge of a free ball does not r
 
 PATCH_RINGS = 3
 """Rings of equal area, each of `SECTORS` patches, into which the disc of a sphere is divided."""
+
+UNKNOWN_BULGE = 30.0
+"""Standard deviation, in radii, of what too few patches leave open: numerical."""
 
 STEEPEST_SLOPE = 1.7320508
 """Tangent of 60°, the angle of incidence up to which a surface that goes on is expected to be
@@ -257,6 +261,26 @@ def look_round_outline(
         known / max(on_surface, 1),
         patches,
     )
+
+
+def bulge_of(patches: NDArray[np.float64], variances: NDArray[np.float64], radius: float) -> Bulge:
+    """Return how the surface in an outline deviates from its sphere.
+
+    `patches` (n_patches, 3) of `OutlineView`; `variances` (n,) m², of the means of those that have
+    readings; `radius` in m.
+    """
+    seen = np.flatnonzero(patches[:, 0] > 0.0)
+    ring, sector = np.divmod(seen, SECTORS)
+    s2 = (ring + 0.5) / PATCH_RINGS * EDGE_PART**2
+    angle = (sector + 0.5) * (2.0 * pi / SECTORS) - pi
+    s, upright = np.sqrt(s2), np.sqrt(1.0 - s2)
+    modes = [np.ones(len(seen)), s * np.cos(angle), s * np.sin(angle)]
+    modes += [s2, s2 * np.cos(2.0 * angle), s2 * np.sin(2.0 * angle)]
+    deviations = np.sqrt(variances)
+    rows = np.column_stack(modes) * (radius * upright / deviations)[:, None]
+    spread = np.linalg.inv(rows.T @ rows + UNKNOWN_BULGE**-2 * np.eye(len(modes)))
+    coefficients = spread @ rows.T @ (patches[seen, 1] / deviations)
+    return Bulge(coefficients[3:], np.linalg.inv(spread[3:, 3:]))
 
 
 def touched_sectors(view: OutlineView) -> NDArray[np.bool_]:

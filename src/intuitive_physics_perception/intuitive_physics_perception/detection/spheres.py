@@ -6,11 +6,13 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
+from intuitive_physics.kernels import allocating_entry
 from intuitive_physics_perception.detection.cluster_memory import (
     MOVEMENT,
     ClusterMemory,
@@ -47,6 +49,10 @@ may be the tip of 4 or 5."""
 STATIC_SUCCESSES = 0.8
 """Part of the searches so far in which what was there when the environment was modelled must have
 been found to be a sphere; a ball is one in nearly all of them."""
+
+ROUND_OUTLINE = 0.7
+"""Part that a cluster is of the disc as wide as it is from which on it may be a ball by its
+outline: half of a disc is one half."""
 
 APART_ROUNDS = 2
 """Rounds in which the spheres of a cluster are fitted again: in the first one, the others were
@@ -146,47 +152,57 @@ class SphereFinder:
         `searches`: clusters that are searched at random when neither expectation nor outline
         suggests a sphere, in the order of `_in_turn`; the
         others wait for the next frame. None searches all; `expected`: spheres that are
-        followed, where they should be; `budget`: when it is spent, clusters that hold none of these
-        wait, too. None has no end.
+        followed, where they should be; `budget`: when it is spent, these alone are still looked
+        for, and clusters that have not been searched to the end wait, too; but the first one, as it
+        had nearly all of the time. None has no end.
         """
         budget = budget or FrameBudget()
         results = []
         left = len(clusters.indices) if searches is None else searches
-        parts = [points.reshape(-1, 3)[indices].astype(np.float64) for indices in clusters.indices]
-        remembered = [self._memory.recall(readings) for readings in parts]
-        followed = [
-            [start for start in expected if _reaches(start, readings)] for readings in parts
-        ]
+        flat = points.reshape(-1, 3)
+        order, starts = clusters.in_a_row
+        remembered = self._memory.recall(means_of(flat, order, starts), np.diff(starts))
+        followed = _followed_in(flat, order, starts, expected)
         others_wait = any(memory.waited > 0 for memory in remembered)
-        for k in _in_turn(parts, followed, clusters.new, remembered):
-            cluster, readings, memory = clusters.indices[k], parts[k], remembered[k]
-            if not followed[k] and budget.is_spent:
+        has_begun = False
+        is_round = roundness_of(order, starts, points.shape[1]) > ROUND_OUTLINE
+        if points.shape[0] == 1:
+            is_round[:] = True
+        for k in _in_turn(followed, clusters.new, remembered, is_round):
+            cluster, memory = clusters.indices[k], remembered[k]
+            if budget.is_spent and not followed[k]:
                 budget.waiting += 1
                 self._memory.postpone(memory)
                 continue
             # What flickers has just come in each frame, and must not keep the others waiting.
             may_search = left > 0 and not (memory.has_just_come and others_wait)
-            effort = self._effort(memory.deserves_a_search, may_search)
+            effort = Effort.EXPECTED if budget.is_spent else self._effort(memory, may_search)
             inside = self._spheres_in(
                 ClusterView(points, cluster, clusters.marks),
-                readings,
+                flat[cluster].astype(np.float64),
                 followed[k],
                 effort,
                 budget,
                 may_move=memory.has_just_come,
             )
+            results.append(inside)
+            is_search = effort is not Effort.EXPECTED
+            if has_begun and is_search and budget.is_spent and not inside.spheres:
+                budget.waiting += 1
+                self._memory.postpone(memory)
+                continue
+            has_begun |= is_search
             if inside.spheres or effort is Effort.RANDOM:
                 memory = memory.after_search(success=bool(inside.spheres))
             if inside.spheres:
                 self._memory.keep(memory, None)
                 if not clusters.new[k] and not self._is_trusted(memory):
-                    inside = ClusterSpheres(cluster, [], 1.0)
+                    results[-1] = ClusterSpheres(cluster, [], 1.0)
             elif effort is Effort.RANDOM or not memory.deserves_a_search:
                 self._memory.keep(memory, None)
                 left -= effort is Effort.RANDOM
             else:
-                self._memory.postpone(memory)
-            results.append(inside)
+                self._memory.postpone(memory, looked=is_search)
         self._memory.end_frame()
         return results
 
@@ -200,7 +216,8 @@ class SphereFinder:
         """
         for cluster, new in zip(clusters.indices, clusters.new, strict=True):
             readings = points.reshape(-1, 3)[cluster].astype(np.float64)
-            if not new or not _reaches(start, readings):
+            away = np.linalg.norm(readings - start.sphere[:3], axis=1)
+            if not new or away.min() >= EXPECTED_REACH * start.sphere[3]:
                 continue
             part = self._fitter.part_inside(readings, start)
             if part.total < self._settings.min_points:
@@ -217,11 +234,12 @@ class SphereFinder:
         return memory.successes >= STATIC_SUCCESSES * memory.searches
 
     @staticmethod
-    def _effort(deserves_a_search: bool, may_search: bool) -> Effort:
-        """Effort of a search: a cluster that has to wait for it is searched by its outline."""
-        if not deserves_a_search:
-            return Effort.EXPECTED
-        return Effort.RANDOM if may_search else Effort.OUTLINE
+    def _effort(memory: RememberedCluster[None], may_search: bool) -> Effort:
+        """Effort of a search: a cluster that has to wait for it is searched by its outline, as
+        often as at first."""
+        if memory.deserves_a_search and may_search:
+            return Effort.RANDOM
+        return Effort.OUTLINE if memory.deserves_a_look else Effort.EXPECTED
 
     def _spheres_in(
         self,
@@ -248,7 +266,7 @@ class SphereFinder:
             off = self._miss(rest, candidate.sphere)
             left, rest = left[off], rest[off]
         if len(candidates) > 1 or any(earlier.must_end for earlier in candidates):
-            candidates = self._apart(whole, readings, candidates)
+            candidates = self._apart(whole, readings, candidates, budget)
         off = np.ones(len(readings), dtype=bool)
         for earlier in candidates:
             off &= self._miss(readings, earlier.sphere)
@@ -261,11 +279,15 @@ class SphereFinder:
         whole: ClusterView,
         readings: NDArray[np.float64],
         candidates: list[Candidate],
+        budget: FrameBudget,
     ) -> list[Candidate]:
         """Fit each sphere of a cluster again without the readings of the others, which drew it
-        to their side where they touch; leave out those that go on into what is no sphere."""
+        to their side where they touch; leave out those that go on into what is no sphere, and all
+        that may where there is no time to see it."""
         for _ in range(APART_ROUNDS):
             for candidate in list(candidates):
+                if budget.is_spent:
+                    return [] if any(each.must_end for each in candidates) else candidates
                 off = np.ones(len(readings), dtype=bool)
                 for other in candidates:
                     if other is not candidate:
@@ -302,9 +324,13 @@ class SphereFinder:
         *,
         may_move: bool,
     ) -> Candidate | None:
+        tried = False
         for hypothesis in self._hypotheses.of_cluster(
             view, readings, expected, effort, budget, may_move=may_move
         ):
+            if tried and budget.is_spent:
+                return None
+            tried = True
             part, start = hypothesis.part, hypothesis.start
             if len(part.points) and part.total >= self._fewest(view, start.sphere):
                 sphere = self._fitter.fitted(view, part, start)
@@ -320,21 +346,24 @@ class SphereFinder:
 
 
 def _in_turn(
-    parts: Sequence[NDArray[np.float64]],
     followed: Sequence[Sequence[Start]],
     new: Sequence[bool],
     remembered: Sequence[RememberedCluster[None]],
+    is_round: Sequence[bool],
 ) -> list[int]:
     """Return the order in which clusters have their turn while there is time.
 
     What is followed comes first, then what is new, then the rest. Of the new ones, what has just
-    come into view, as a ball in flight does in each frame, and what has waited longest take turns.
+    come into view, as a ball in flight does in each frame, and what has waited longest take turns;
+    of what has just come, what has a round outline is first, and of that what is large: what
+    flickers is small and seldom round.
 
-    `parts` (n, 3) m, points of each; `followed`: spheres that are expected in each; `new`: whether
-    each is; `remembered`: what is known of each.
+    `followed`: spheres that are expected in each; `new`: whether each is; `remembered`: what is
+    known of each; `is_round`: whether its outline is.
     """
-    order = sorted(range(len(parts)), key=lambda k: (-remembered[k].waited, len(parts[k])))
+    order = sorted(range(len(new)), key=lambda k: (-remembered[k].waited, remembered[k].count))
     came = [k for k in order if new[k] and not followed[k] and remembered[k].has_just_come]
+    came.sort(key=lambda k: (not is_round[k], -remembered[k].count))
     stayed = [k for k in order if new[k] and not followed[k] and not remembered[k].has_just_come]
     taking_turns = [k for both in zip_longest(came, stayed) for k in both if k is not None]
     return [
@@ -344,7 +373,71 @@ def _in_turn(
     ]
 
 
-def _reaches(start: Start, points: NDArray[np.float64]) -> bool:
-    """Whether a sphere comes near one of some points (n, 3) m."""
-    away = np.linalg.norm(points - start.sphere[:3], axis=1)
-    return bool(away.min() < EXPECTED_REACH * start.sphere[3])
+def _followed_in(
+    points: NDArray[np.float32],
+    order: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    expected: Sequence[Start],
+) -> list[list[Start]]:
+    """The spheres, of those expected, that come near a point of each cluster; points (n, 3) m and
+    clusters as in `reached_by`."""
+    if not expected:
+        return [[] for _ in starts[1:]]
+    reach = np.array([start.sphere * [1.0, 1.0, 1.0, EXPECTED_REACH] for start in expected])
+    return [
+        [start for start, is_near in zip(expected, near, strict=True) if is_near]
+        for near in reached_by(points, order, starts, reach)
+    ]
+
+
+@allocating_entry
+def means_of(points: Any, order: Any, starts: Any) -> Any:
+    """Return the mean (k, 3) of the points of each cluster.
+
+    `points` (n, 3) float32 m; `order` (m,) indices of points, those of one cluster together;
+    `starts` (k + 1,) where each cluster begins in it.
+    """
+    means = np.zeros((starts.size - 1, 3))
+    for k in range(starts.size - 1):
+        for j in range(starts[k], starts[k + 1]):
+            for axis in range(3):
+                means[k, axis] += points[order[j], axis]
+        means[k] /= max(starts[k + 1] - starts[k], 1)
+    return means
+
+
+@allocating_entry
+def roundness_of(order: Any, starts: Any, width: int) -> Any:
+    """Return the part (k,) that each cluster is of the disc with its second moment along its
+    longest axis: n pixels that fill a disc have n / 4π there.
+
+    `order` and `starts` as in `means_of`, of pixels; `width` of the image.
+    """
+    parts = np.zeros(starts.size - 1)
+    for k in range(starts.size - 1):
+        n = starts[k + 1] - starts[k]
+        u = v = uu = uv = vv = 0.0
+        for j in range(starts[k], starts[k + 1]):
+            row, column = float(order[j] // width), float(order[j] % width)
+            u, v = u + column / n, v + row / n
+            uu, uv, vv = uu + column * column / n, uv + column * row / n, vv + row * row / n
+        uu, uv, vv = uu - u * u, uv - u * v, vv - v * v
+        longest = 0.5 * (uu + vv + np.sqrt((uu - vv) ** 2 + 4.0 * uv * uv))
+        parts[k] = n / (4.0 * np.pi * max(longest, 1e-9))
+    return parts
+
+
+@allocating_entry
+def reached_by(points: Any, order: Any, starts: Any, spheres: Any) -> Any:
+    """Mark (k, s) which of some spheres (s, 4) m hold a point of each cluster, as in `means_of`."""
+    near = np.zeros((starts.size - 1, spheres.shape[0]), dtype=np.bool_)
+    for k in range(starts.size - 1):
+        for s in range(spheres.shape[0]):
+            for j in range(starts[k], starts[k + 1]):
+                x = points[order[j], 0] - spheres[s, 0]
+                y = points[order[j], 1] - spheres[s, 1]
+                z = points[order[j], 2] - spheres[s, 2]
+                if x * x + y * y + z * z < spheres[s, 3] ** 2:
+                    near[k, s] = True
+                    break
+    return near

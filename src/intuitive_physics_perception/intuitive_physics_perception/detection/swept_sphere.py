@@ -128,19 +128,27 @@ def swept_outline(
     return np.append(center, radius), float(long - wide) * axes[0]
 
 
-def passing_way(
-    points: NDArray[np.float64], place: NDArray[np.float64], way: NDArray[np.float64]
-) -> NDArray[np.float64]:
+@allocating_entry
+def passing_way(points: Any, place: Any, way: Any) -> Any:
     """Return how far from the nearest place on a way the rays to points (n, 3) m pass, (n,) m.
 
     `place` (3,) m, the middle of the way; `way` (3,) m, from its beginning to its end.
     """
-    directions = points / np.linalg.norm(points, axis=1)[:, None]
-    off = place - (directions @ place)[:, None] * directions
-    side = way - (directions @ way)[:, None] * directions
-    length2 = np.maximum(np.einsum("ni,ni->n", side, side), LEAST_SWEEP**2)
-    when = np.clip(-np.einsum("ni,ni->n", off, side) / length2, -0.5, 0.5)
-    return np.asarray(np.linalg.norm(off + when[:, None] * side, axis=1))
+    passed = np.empty(points.shape[0])
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        distance = sqrt(x * x + y * y + z * z)
+        x, y, z = x / distance, y / distance, z / distance
+        along = x * place[0] + y * place[1] + z * place[2]
+        off_x, off_y, off_z = place[0] - along * x, place[1] - along * y, place[2] - along * z
+        along = x * way[0] + y * way[1] + z * way[2]
+        side_x, side_y, side_z = way[0] - along * x, way[1] - along * y, way[2] - along * z
+        length2 = max(side_x * side_x + side_y * side_y + side_z * side_z, LEAST_SWEEP**2)
+        when = -(off_x * side_x + off_y * side_y + off_z * side_z) / length2
+        when = min(max(when, -0.5), 0.5)
+        off_x, off_y, off_z = off_x + when * side_x, off_y + when * side_y, off_z + when * side_z
+        passed[i] = sqrt(off_x * off_x + off_y * off_y + off_z * off_z)
+    return passed
 
 
 @inlined

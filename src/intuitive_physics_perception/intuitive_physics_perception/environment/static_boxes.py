@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.geometry.rotations import rotation_matrix
-from intuitive_physics.kernels import allocating_entry
+from intuitive_physics.kernels import allocating_entry, kernel
 from intuitive_physics.scene import StaticBox
 from intuitive_physics_perception.detection.foreground import Clusters, ForegroundFinder
 from intuitive_physics_perception.detection.solids import SolidFinder, holds
@@ -269,66 +269,88 @@ class StaticBoxFilter:
         """Return clusters of a frame of points (height, width, 3) less those that are a box."""
         if not len(self._centers):
             return clusters
-        flat = points.reshape(-1, 3)
-        kept = [k for k, c in enumerate(clusters.indices) if not self._is_box(flat, c)]
+        order, starts = clusters.in_a_row
+        noise, model = self._model.noise, self._model
+        limits = np.array([noise.constant**2, noise.quadratic**2, noise.limit**2])
+        margins = self._settings.plane_tolerance, self._settings.plane_sigmas
+        out, extents = _outside_boxes(
+            points.reshape(-1, 3),
+            order,
+            starts,
+            (model.rotation, model.translation),
+            (*limits, *margins),
+            self._centers,
+            self._rotations,
+            self._halves,
+        )
+        diagonals = 2.0 * np.linalg.norm(self._halves, axis=1)
+        fills = (extents > FILLED_DIAGONAL * diagonals).any(axis=1)
+        allowed = self._settings.min_points + STRAY_FRACTION * np.diff(starts)
+        kept = np.flatnonzero(~(fills & (out < allowed)))
         return replace(
             clusters,
             indices=[clusters.indices[k] for k in kept],
             new=[clusters.new[k] for k in kept],
         )
 
-    def _is_box(self, points: NDArray[np.float32], cluster: NDArray[np.int64]) -> bool:
-        """Whether too few of a cluster's points for an object lie out of boxes of which it fills
-        one: boxes that touch make one cluster."""
-        every = len(cluster) // CHECKED_POINTS + 1
-        readings = points[cluster[::every]].astype(np.float64)
-        deviations = self._model.noise.deviation(np.linalg.norm(readings, axis=1))
-        margins = self._settings.plane_tolerance + self._settings.plane_sigmas * deviations
-        out, extents = _outside_boxes(
-            self._model.to_environment(readings),
-            margins,
-            self._centers,
-            self._rotations,
-            self._halves,
-        )
-        diagonals = 2.0 * np.linalg.norm(self._halves, axis=1)
-        fills = bool((extents > FILLED_DIAGONAL * diagonals).any())
-        allowed = self._settings.min_points + STRAY_FRACTION * len(cluster)
-        return fills and every * out < allowed
-
 
 @allocating_entry
 def _outside_boxes(
-    places: Any, margins: Any, centers: Any, rotations: Any, halves: Any
-) -> tuple[int, Any]:
-    """Number of places (n, 3) in no box, give or take a margin (n,), and for each box the
-    diagonal (n_boxes,) of what lies in it, along its axes; m."""
-    low = np.full(centers.shape, np.inf)
-    high = np.full(centers.shape, -np.inf)
-    out = 0
-    for i in range(places.shape[0]):
-        inside_any = False
+    points: Any,
+    order: Any,
+    starts: Any,
+    pose: Any,
+    limits: Any,
+    centers: Any,
+    rotations: Any,
+    halves: Any,
+) -> tuple[Any, Any]:
+    """Number (n,) of points of each cluster in no box, give or take a margin, as every one of a few
+    tells it, and the diagonal (n, n_boxes) of what lies in each box, along its axes; m.
+
+    `points` (m, 3) m; `order` and `starts` as in `Clusters.in_a_row`; `pose`: rotation (3, 3) and
+    translation (3,) m to the boxes' frame; `limits`: squares of the noise's parameters, tolerance
+    in m and standard deviations of the margin.
+    """
+    rotation, translation = pose
+    out = np.zeros(starts.size - 1, dtype=np.int64)
+    extents = np.zeros((starts.size - 1, centers.shape[0]))
+    low, high = np.empty(centers.shape), np.empty(centers.shape)
+    local, place = np.empty(3), np.empty(3)
+    for n in range(starts.size - 1):
+        low[:], high[:] = np.inf, -np.inf
+        every = (starts[n + 1] - starts[n]) // CHECKED_POINTS + 1
+        for i in range(starts[n], starts[n + 1], every):
+            x, y, z = points[order[i], 0], points[order[i], 1], points[order[i], 2]
+            range2 = x * x + y * y + z * z
+            deviation = np.sqrt(min(limits[0] + limits[1] * range2 * range2, limits[2]))
+            margin = limits[3] + limits[4] * deviation
+            for a in range(3):
+                place[a] = rotation[a, 0] * x + rotation[a, 1] * y + rotation[a, 2] * z
+                place[a] += translation[a]
+            inside_any = False
+            for k in range(centers.shape[0]):
+                if _is_inside(place, centers[k], rotations[k], halves[k], margin, local):
+                    inside_any = True
+                    for a in range(3):
+                        low[k, a] = min(low[k, a], local[a])
+                        high[k, a] = max(high[k, a], local[a])
+            out[n] += 0 if inside_any else every
         for k in range(centers.shape[0]):
-            dx = places[i, 0] - centers[k, 0]
-            dy = places[i, 1] - centers[k, 1]
-            dz = places[i, 2] - centers[k, 2]
-            # Along each axis of the box, a column of its rotation.
-            x = dx * rotations[k, 0, 0] + dy * rotations[k, 1, 0] + dz * rotations[k, 2, 0]
-            y = dx * rotations[k, 0, 1] + dy * rotations[k, 1, 1] + dz * rotations[k, 2, 1]
-            z = dx * rotations[k, 0, 2] + dy * rotations[k, 1, 2] + dz * rotations[k, 2, 2]
-            m = margins[i]
-            if (
-                abs(x) <= halves[k, 0] + m
-                and abs(y) <= halves[k, 1] + m
-                and abs(z) <= halves[k, 2] + m
-            ):
-                inside_any = True
-                low[k, 0], high[k, 0] = min(low[k, 0], x), max(high[k, 0], x)
-                low[k, 1], high[k, 1] = min(low[k, 1], y), max(high[k, 1], y)
-                low[k, 2], high[k, 2] = min(low[k, 2], z), max(high[k, 2], z)
-        out += not inside_any
-    extents = np.zeros(centers.shape[0])
-    for k in range(centers.shape[0]):
-        if high[k, 0] >= low[k, 0]:
-            extents[k] = np.sqrt(np.sum((high[k] - low[k]) ** 2))
+            if high[k, 0] >= low[k, 0]:
+                extents[n, k] = np.sqrt(np.sum((high[k] - low[k]) ** 2))
     return out, extents
+
+
+@kernel
+def _is_inside(
+    place: Any, center: Any, rotation: Any, halves: Any, margin: float, local: Any
+) -> bool:
+    """Whether a place lies in a box, give or take a margin; writes where along its axes, the
+    columns of its rotation."""
+    dx, dy, dz = place[0] - center[0], place[1] - center[1], place[2] - center[2]
+    for a in range(3):
+        local[a] = dx * rotation[0, a] + dy * rotation[1, a] + dz * rotation[2, a]
+        if abs(local[a]) > halves[a] + margin:
+            return False
+    return True

@@ -116,6 +116,7 @@ class Track:
     surface : what its surface has shown of its spin since its last contact; None while nothing
     camera : name of the one whose frame showed it last
     missed : whether that camera's newest frame did not
+    prior : log odds that it is an object before it was seen, nats
     """
 
     number: int
@@ -141,6 +142,7 @@ class Track:
     surface: SurfaceSpin | None = None
     camera: str = ""
     missed: bool = False
+    prior: float = 0.0
 
     def take_color(self, color: NDArray[np.float64] | None, weight: float) -> None:
         """Average the colour of its detections; late frames count most, as light changes.

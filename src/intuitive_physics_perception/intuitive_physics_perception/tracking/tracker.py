@@ -18,7 +18,11 @@ from intuitive_physics_perception.detection.detections import (
 )
 from intuitive_physics_perception.detection.fitted_sphere import Start
 from intuitive_physics_perception.settings import PerceptionSettings
-from intuitive_physics_perception.tracking.existence import evidence_of_outline, log_odds
+from intuitive_physics_perception.tracking.existence import (
+    evidence_of_company,
+    evidence_of_outline,
+    log_odds,
+)
 from intuitive_physics_perception.tracking.kinds import (
     RADIUS_GATE,
     RADIUS_SLACK,
@@ -131,6 +135,7 @@ class Tracker:
         self._tracks: list[Track] = []
         # Of the last frame, by the identity of the detection that each took.
         self._taken: dict[int, Track] = {}
+        self._prior = 0.0
         ratio = settings.material_radius_ratio
         self._sizes = SizeClasses(ratio) if ratio > 1.0 else None
 
@@ -221,14 +226,18 @@ class Tracker:
             if track.time < time:
                 self._filter.predict(track, time)
 
-    def update(self, time: float, detections: Sequence[Detection], camera: str = "") -> list[Track]:
+    def update(
+        self, time: float, detections: Sequence[Detection], camera: str = "", others: int = 0
+    ) -> list[Track]:
         """Take what a frame shows, in the environment's frame; return tracks that ended.
 
         What was read later than at the frame's time is taken at its own, after all else.
 
         `time` in s, not earlier than that of the frame before; `camera`: name of the one whose
-        frame it is.
+        frame it is; `others`: what else is new in the frame.
         """
+        likely = sum(evidence_of_outline(detection) > 0.0 for detection in detections)
+        self._prior = evidence_of_company(likely, others)
         ended = [track for track in self._tracks if self._is_lost(track, time)]
         self._tracks = [track for track in self._tracks if not self._is_lost(track, time)]
         self._taken = {}
@@ -344,7 +353,10 @@ class Tracker:
         return {self._tracks[k].number: (n, parts[k, n]) for k, n in pairs}
 
     def _reach(self, track: Track, spread: NDArray[np.float64]) -> float:
-        """Largest distance, m, of a track from where it is expected."""
+        """Largest distance, m, of a track from where it is expected: what is no object yet and is
+        seen farther off than it is large is something else."""
+        if not track.confirmed:
+            return float(track.mean[RADIUS])
         duration = track.time - track.last_seen
         spread_of_place = 3.0 * float(np.sqrt(np.trace(spread[:3, :3])))
         return self._settings.max_speed * duration + spread_of_place
@@ -398,7 +410,7 @@ class Tracker:
 
     def _new_track(self, time: float, detection: Detection, camera: str) -> Track:
         track = self._filter.begin(self.next_number, time, detection)
-        track.identity, track.camera = self._identity, camera
+        track.identity, track.camera, track.prior = self._identity, camera, self._prior
         track.take_color(detection.color, 1.0)
         settle(track, self._settings, detection)
         self._classify(track)
@@ -472,7 +484,7 @@ def settle(track: Track, settings: PerceptionSettings, newest: Detection | None 
     detections = [detection for _, detection in detections_of(track.steps)]
     if newest is not None:
         detections.append(newest)
-    if track.identity is not None or log_odds(detections) > 0.0:
+    if track.identity is not None or track.prior + log_odds(detections) > 0.0:
         track.confirmed = True
         _recognise(track, settings)
 

@@ -11,6 +11,7 @@ from intuitive_physics_perception.detection.cluster_memory import (
     FRAMES_REMEMBERED,
     SEARCH_PERIOD,
     ClusterMemory,
+    RememberedCluster,
 )
 from intuitive_physics_perception.environment.noise import RangeNoise
 
@@ -19,11 +20,17 @@ STILLNESS = 0.01
 CLUSTER = np.random.default_rng(0).normal(size=(200, 3))
 
 
+def recalled(memory: ClusterMemory[str], points: np.ndarray = CLUSTER) -> RememberedCluster[str]:
+    """What is known of one cluster."""
+    (cluster,) = memory.recall(points.mean(axis=0, keepdims=True), np.array([len(points)]))
+    return cluster
+
+
 def searched_in(memory: ClusterMemory[str], frames: int) -> int:
     """In how many of some frames a cluster that is always there is searched."""
     count = 0
     for _ in range(frames):
-        cluster = memory.recall(CLUSTER)
+        cluster = recalled(memory)
         count += cluster.deserves_a_search
         memory.keep(cluster, "box")
         memory.end_frame()
@@ -42,7 +49,7 @@ def test_what_was_away_for_a_short_time_is_known_again(gap: int) -> None:
     searched_in(memory, FIRST_SEARCHES)
     for _ in range(gap):
         memory.end_frame()
-    cluster = memory.recall(CLUSTER)
+    cluster = recalled(memory)
     assert cluster.deserves_a_search == (gap > FRAMES_REMEMBERED)
     assert cluster.result == (None if gap > FRAMES_REMEMBERED else "box")
 
@@ -51,7 +58,7 @@ def test_what_was_away_for_a_short_time_is_known_again(gap: int) -> None:
 def test_waiting_takes_no_search_away(waits: int) -> None:
     memory: ClusterMemory[str] = ClusterMemory(STILLNESS, NOISE)
     for _ in range(waits):
-        cluster = memory.recall(CLUSTER)
+        cluster = recalled(memory)
         assert cluster.deserves_a_search
         memory.postpone(cluster)
         memory.end_frame()
@@ -62,7 +69,7 @@ def test_what_moved_or_grew_is_new() -> None:
     for other in (CLUSTER + 2.0 * STILLNESS, np.concatenate([CLUSTER, CLUSTER])):
         memory: ClusterMemory[str] = ClusterMemory(STILLNESS, NOISE)
         searched_in(memory, 2 * FIRST_SEARCHES)
-        assert memory.recall(other).result is None
+        assert recalled(memory, other).result is None
 
 
 def test_noise_makes_no_new_cluster_of_what_is_far() -> None:
@@ -73,7 +80,7 @@ def test_noise_makes_no_new_cluster_of_what_is_far() -> None:
     new_clusters = 0
     for _ in range(200):
         errors = np.repeat(rng.normal(0.0, 0.03, size=25), 8)
-        cluster = memory.recall(CLUSTER + [0.0, 0.0, 3.0] + errors[:, None] * [0.0, 0.0, 1.0])
+        cluster = recalled(memory, CLUSTER + [0.0, 0.0, 3.0] + errors[:, None] * [0.0, 0.0, 1.0])
         new_clusters += cluster.frames == 0
         memory.keep(cluster, "box")
         memory.end_frame()
@@ -85,11 +92,11 @@ def test_noise_makes_no_new_cluster_of_what_is_far() -> None:
 def test_successes_are_counted_as_long_as_a_cluster_stays(results: list[bool]) -> None:
     memory: ClusterMemory[None] = ClusterMemory(STILLNESS, NOISE)
     for result in results:
-        cluster = memory.recall(CLUSTER).after_search(success=result)
+        cluster = recalled(memory).after_search(success=result)
         assert not result or cluster.deserves_a_search
         memory.keep(cluster, None)
         memory.end_frame()
-    cluster = memory.recall(CLUSTER)
+    cluster = recalled(memory)
     assert (cluster.searches, cluster.successes) == (len(results), sum(results))
 
 
@@ -98,9 +105,9 @@ def test_what_waits_is_counted_until_it_is_searched(order: list[int]) -> None:
     memory: ClusterMemory[None] = ClusterMemory(STILLNESS, NOISE)
     for waits in order:
         for k in range(waits):
-            cluster = memory.recall(CLUSTER)
+            cluster = recalled(memory)
             assert cluster.waited == k
             memory.postpone(cluster)
             memory.end_frame()
-        memory.keep(memory.recall(CLUSTER), None)
+        memory.keep(recalled(memory), None)
         memory.end_frame()

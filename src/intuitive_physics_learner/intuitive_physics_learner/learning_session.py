@@ -50,6 +50,10 @@ from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.store.observation_entries import Assessment
 
+FOLLOWED_SHARE = 0.2
+"""Part of a limit of time that is left for following undisturbed motions, from which disturbed
+observations are told; set by hand."""
+
 NEGLIGIBLE_COST = 1e-6
 """m of J that restoring parameters which J does not depend on may cost."""
 
@@ -167,24 +171,26 @@ def learn(
     if resume is not None:
         _check_same_task(resume, identity)
         search.load_state(resume["search"])
-    began = time.monotonic()
+    began, limit = time.monotonic(), options.criteria.time_limit
+    later = 0.0 if limit is None else FOLLOWED_SHARE * limit * isinstance(search, JointSearch)
+
+    def seconds_left() -> float:
+        return np.inf if limit is None else limit - (time.monotonic() - began)
+
     outcome = search.run(
         options.criteria,
         on_progress=on_progress,
         cancelled=cancelled,
         on_checkpoint=on_checkpoint
         and (lambda state: on_checkpoint({**identity, "search": state})),
-        reserve=lambda seconds: search.identifiability_seconds(task, seconds),
+        reserve=lambda seconds: later + search.identifiability_seconds(task, seconds),
     )
     if outcome.stop_reason is StopReason.CANCELLED:
         raise LearningCancelledError
     if task.start_was_learned and search.keep_start(task):
         kept = search.best_parameters
         outcome = replace(outcome, parameters=kept, cost=float(task.cost.costs([kept])[0]))
-    limit = options.criteria.time_limit
-    identifiability = search.identifiability(
-        task, lambda: np.inf if limit is None else limit - (time.monotonic() - began)
-    )
+    identifiability = search.identifiability(task, lambda: seconds_left() - later)
     parameters = _unresponsive_restored(task, outcome, identifiability)
     learned = _merged(
         previous,
@@ -198,7 +204,7 @@ def learn(
     )
     if isinstance(search, JointSearch) and search.fits_trajectories:
         generator = np.random.default_rng([options.seed, 1])
-        misfits = undisturbed_misfits(search.fit, simulator, generator)
+        misfits = undisturbed_misfits(search.fit, simulator, generator, seconds_left)
         assessments = reassessed(assessments, *misfits, trusted=options.trusted_ids)
     return LearningResult(learned, outcome, assessments)
 

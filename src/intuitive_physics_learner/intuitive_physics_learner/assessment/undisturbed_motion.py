@@ -15,7 +15,7 @@ come to rest, and stays there as long as it was seen, is followed no longer.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,14 +85,17 @@ TIME_ROUNDING = 1e-6
 
 
 def undisturbed_misfits(
-    fit: JointFit, simulator: Simulator, generator: np.random.Generator
+    fit: JointFit,
+    simulator: Simulator,
+    generator: np.random.Generator,
+    seconds_left: Callable[[], float] = lambda: np.inf,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Follow undisturbed motions of all observations.
+    """Follow undisturbed motions of all observations, until no time is left.
 
     Returns
     -------
     misfits : (n_observations,) loss per point of the segment that is explained worst, 1.5 where
-        noise is left alone; NaN where the fit includes all points
+        noise is left alone; NaN where the fit includes all points, or no segment was followed
     times : (n_observations,) s after the start, where that segment begins
     """
     cost = fit.model.cost
@@ -109,12 +112,14 @@ def undisturbed_misfits(
 
         def follow(first: int, last: int, followed: Sequence[_Motions] = followed) -> None:
             for motions in followed[first:last]:
-                motions.follow()
+                motions.follow(seconds_left)
 
         run_in_shares(follow, len(followed), simulator.threads, 1)
         for (group, rows), motions in zip(shares, followed, strict=True):
             members = group.members[rows]
+            # Of a second look that was not ended the worst segment may be missing.
             better = ~(motions.misfits >= misfits[members])
+            better &= motions.ended | np.isnan(misfits[members])
             misfits[members[better]] = motions.misfits[better]
             times[members[better]] = motions.times[better]
         asked = misfits > NOTABLE_MISFIT
@@ -215,6 +220,7 @@ class _Motions:
     ----------
     misfits : (A,) largest loss per point of a segment so far; NaN without one
     times : (A,) s, where it begins
+    ended : whether all were followed to their ends
     """
 
     def __init__(
@@ -236,8 +242,9 @@ class _Motions:
         self._states = states[:, :, : self._radii.shape[1]].copy()
         self._scales = np.ones(self._states.shape[:3])
         self.misfits, self.times = np.full((2, rows.size), np.nan)
+        self.ended = False
 
-    def follow(self) -> None:
+    def follow(self, seconds_left: Callable[[], float]) -> None:
         """Follow them to the fit horizons as they are, and then in segments that begin by jumps."""
         points = self._points
         every = np.arange(len(points.times))
@@ -246,11 +253,12 @@ class _Motions:
         seen = points.segment(every, 0 * begun - 1, begun)
         self._draw_again(every, seen.losses(offsets).sum(axis=(2, 3)), ends)
         going = every[begun < points.last]
-        while going.size:
+        while going.size and seconds_left() > 0.0:
             ends_at = points.ends(begun)
             resting = self._segment(going, begun[going], ends_at[going])
             begun = np.where(np.isin(every, going), ends_at, begun)
             going = going[~resting & (begun[going] < points.last[going])]
+        self.ended = not going.size
 
     def _segment(
         self, rows: NDArray[np.int64], begin: NDArray[np.int64], end: NDArray[np.int64]

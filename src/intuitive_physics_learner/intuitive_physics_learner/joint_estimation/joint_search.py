@@ -35,11 +35,6 @@ MISFIT_STEPS = 3
 """Steps that this mean is over; set by hand."""
 
 
-ASSESSMENT_SIMULATIONS = 200
-"""Simulations of whole observations in a search that take as long as following the motions of one
-afterwards, about: 50 for balls, 130 for capsules, 330 for boxes, on sets of 40 throws."""
-
-
 class JointSearch(Search):
     """Fits all trajectories, and lowers J where they cannot be fitted.
 
@@ -139,11 +134,10 @@ class JointSearch(Search):
     def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
         if self.lowers_cost or self.iterations == 0:
             return super().identifiability_seconds(task, seconds)
-        # The fit to half of the observations simulates half as much as that to all, from one start.
-        # What the observations are compared with afterwards counts too.
-        judged = 0.5 * self._staged.best_simulations + 1.5 * curvature_simulations(self.fit)
+        # The fit to half of the observations simulates half as much as that to all, from one start,
+        # but few at a time take longer each.
+        judged = self._staged.best_simulations + 1.5 * curvature_simulations(self.fit)
         judged += move_simulations(self.fit) + self._staged.jointly.choice_simulations
-        judged += ASSESSMENT_SIMULATIONS * len(self._cost.observations)
         if task.start_was_learned:
             judged += self.fit.held_simulations
         simulated = self._staged.simulations + self._evaluations * len(task.influence)

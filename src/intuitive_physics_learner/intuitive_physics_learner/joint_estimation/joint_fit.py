@@ -100,7 +100,7 @@ class JointEstimationSettings:
         check_settings(self)
 
 
-Tried: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+_Tried: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 """Initial states (c, W, d) that were tried for a block, their residuals (c, W, P, 3) in m, and
 their losses (c, W)."""
 
@@ -426,7 +426,7 @@ class JointFit:
         index = np.concatenate([np.arange(len(units)), np.arange(1, len(units))])
         parts = list(model.parts(self.estimate))
 
-        def tried_block(k: int) -> Tried:
+        def tried_block(k: int) -> _Tried:
             block, part = parts[k]
             trying = np.concatenate([states[k], np.tile(part.estimate, (len(units) - 1, 1, 1))])
             residuals = residuals_at(
@@ -453,7 +453,7 @@ class JointFit:
     def _take_states(
         self,
         options: NDArray[np.int64],
-        tried: Sequence[Tried],
+        tried: Sequence[_Tried],
         goals: list[NDArray[np.float64]],
     ) -> bool:
         """Take the best initial states among options.

@@ -108,22 +108,6 @@ def test_a_region_gives_what_the_whole_image_would(renderer, full_image):
     assert np.array_equal(by_region, sensors[1].read())
 
 
-def test_sixty_frames_a_second(renderer):
-    from time import process_time
-
-    sensor = NoisyDepthCamera(
-        renderer.background, FOCAL_LENGTH, DepthNoise(), np.random.default_rng(0)
-    )
-    frames, best = 10, np.inf
-    for _ in range(3):
-        start = process_time()
-        for _ in range(frames):
-            rendered = renderer.render_balls([(0.5, 0.4, 0.4)], [0.07])
-            sensor.read(rendered.image, rendered.region)
-        best = min(best, (process_time() - start) / frames)
-    assert best < 1.0 / 60.0
-
-
 @pytest.mark.parametrize(
     "change",
     [{"nearest": 0.0}, {"nearest": 9.0}, {"grazing_start": 89.0}, {"baseline": 0.0}],

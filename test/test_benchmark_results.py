@@ -98,7 +98,9 @@ def test_results_have_command_and_commit(name):
     run = read_result(FOLDER / f"{name}.json").run
     benchmark, _, part = name.partition("_")
     target = "torture" if benchmark == "torture" else f"bench-{benchmark}"
-    assert run.command.startswith(f"make {target}")
+    assert run.command.startswith((f"make {target}", f"python -m benchmarks.{benchmark} "))
+    part, _, seed = part.partition("_seed_")
+    assert not seed or f"--first-seed {seed}" in run.command
     parts = [one for one in part.split("_") if one]
     if "long" in parts:
         parts.remove("long")

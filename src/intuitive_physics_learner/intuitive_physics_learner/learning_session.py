@@ -51,8 +51,8 @@ from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.store.observation_entries import Assessment
 
 FOLLOWED_SHARE = 0.2
-"""Part of a limit of time that is left for following undisturbed motions, from which disturbed
-observations are told; set by hand."""
+"""Part of a limit of time that is left for following undisturbed motions, by which disturbed
+observations are found; set by hand."""
 
 NEGLIGIBLE_COST = 1e-6
 """m of J that restoring parameters which J does not depend on may cost."""
@@ -172,7 +172,8 @@ def learn(
         _check_same_task(resume, identity)
         search.load_state(resume["search"])
     began, limit = time.monotonic(), options.criteria.time_limit
-    later = 0.0 if limit is None else FOLLOWED_SHARE * limit * isinstance(search, JointSearch)
+    joint = isinstance(search, JointSearch)
+    later = FOLLOWED_SHARE * limit if joint and limit is not None else 0.0
 
     def seconds_left() -> float:
         return np.inf if limit is None else limit - (time.monotonic() - began)

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from intuitive_physics.geometry.rotations import quaternion_product, rotate_quaternions
 from intuitive_physics.simulation import Rollout, Simulator, WorldStatus
 from intuitive_physics.simulation.shares import run_in_shares
+from intuitive_physics_learner.cost.cost_function import chunks
 from intuitive_physics_learner.cost.packed_observations import (
     PackedObservations,
     packed_in_groups,
@@ -104,7 +105,11 @@ def undisturbed_misfits(
     asked = np.ones(misfits.size, dtype=bool)
     for count in MOTIONS:
         states = fit.state_draws(generator, count)
-        shares = [(group, rows) for group in groups for rows in _shares(asked[group.members])]
+        shares = [
+            (group, rows)
+            for group in groups
+            for rows in chunks(np.flatnonzero(asked[group.members]), SHARE)
+        ]
         followed = [
             _Motions(fit, simulator, group, rows, states[group.members[rows]], own)
             for (group, rows), own in zip(shares, generator.spawn(len(shares)), strict=True)
@@ -124,12 +129,6 @@ def undisturbed_misfits(
             times[members[better]] = motions.times[better]
         asked = misfits > NOTABLE_MISFIT
     return misfits, times
-
-
-def _shares(asked: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
-    """Part the rows that are asked for (n,) into what a thread follows at a time."""
-    rows = np.flatnonzero(asked)
-    return [rows[first : first + SHARE] for first in range(0, rows.size, SHARE)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -105,7 +105,9 @@ def run(options: argparse.Namespace) -> Outcome:
     seed, tables, part = options.first_seed, [*outcome.tables, table], list(options.only or ())
     if seed != FIRST_SEED:
         headings = f"seeds from {FIRST_SEED}", f"seeds from {seed}"
-        tables = [beside_stored(outcome.key_figures, FOLDER / "learning.json", headings), *tables]
+        of_same_parts = FOLDER / f"{'_'.join(['learning', *part])}.json"
+        stored = of_same_parts if of_same_parts.exists() else FOLDER / "learning.json"
+        tables = [beside_stored(outcome.key_figures, stored, headings), *tables]
         part.append(f"seed_{seed}")
     return replace(
         outcome,

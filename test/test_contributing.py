@@ -51,7 +51,7 @@ def test_examples_of_update_rules_are_where_the_page_says():
     rules = (folder / "single_point_search.py").read_text(encoding="utf-8")
     assert "`single_point_search.py`" in section("Add an update rule")
     for name in (
-        "MetropolisHastings(UpdateRule)",
+        "MetropolisHastings(ClimbingRule",
         "ClimbingRule(",
         "CoordinateDescent(ClimbingRule",
     ):

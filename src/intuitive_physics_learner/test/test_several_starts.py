@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
+from intuitive_physics_learner import ConvergenceCriteria
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings, several_starts
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
 from intuitive_physics_learner.joint_estimation.joint_search import FEWEST_FOR_STARTS, JointSearch
@@ -182,9 +183,16 @@ def test_votes_are_bounded_and_the_difference_of_two_is_clipped(drawn):
 
 
 @pytest.mark.parametrize(
-    ("most", "fits"), [(FEWEST_FOR_STARTS - 1, 1), (FEWEST_FOR_STARTS, STARTS), (None, STARTS)]
+    ("criteria", "fits"),
+    [
+        (ConvergenceCriteria(FEWEST_FOR_STARTS - 1), 1),
+        (ConvergenceCriteria(FEWEST_FOR_STARTS), STARTS),
+        (ConvergenceCriteria(time_limit=1e-6), 1),
+        (ConvergenceCriteria(time_limit=1e6), STARTS),
+    ],
 )
-def test_a_search_with_few_evaluations_has_one_start(deceptive_task, most, fits):
+def test_a_search_that_ends_soon_has_one_start(deceptive_task, criteria, fits):
     search = JointSearch(deceptive_task, np.random.default_rng(0))
-    search.plan(most)
+    search.plan(criteria)
+    search.step(1)
     assert len(search._staged.jointly.fits) == fits

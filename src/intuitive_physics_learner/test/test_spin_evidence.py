@@ -17,18 +17,25 @@ from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, learn
+from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, TrajectoryCost, learn
 from intuitive_physics_learner.given_parameters import given_parameters
+from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
+from intuitive_physics_learner.joint_estimation.normal_equations import (
+    NormalEquations,
+    joint_posterior,
+)
 from intuitive_physics_learner.joint_estimation.spin_evidence import (
     GRID,
     SpinEvidence,
     SpinLikelihood,
     UnknownSpin,
 )
+from intuitive_physics_learner.learning_session import _begin
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.online import OnlineOptions
 from intuitive_physics_learner.online.online_learner import OnlineLearner
 from intuitive_physics_learner.online.online_state import OnlineState
+from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.store import ObservationStore
 
 STATED = 10.0
@@ -65,7 +72,7 @@ def spread_of(likelihoods, weight=1.0):
     return evidence.initial_spins().by_material["ball"]
 
 
-def throws(simulator, count, seed, sigma, frames=45, known_spin=False):
+def throws(simulator, count, seed, sigma, frames=45, known_spin=False, guess=STATED):
     """Observe rubber balls thrown into a corner with spins N(0, σ² I), 2 mm of noise at 30 Hz."""
     generator = np.random.default_rng(seed)
     ball, times, observed = SceneObject("ball", "ball", Sphere(0.05)), np.arange(frames) / 30.0, []
@@ -76,12 +83,11 @@ def throws(simulator, count, seed, sigma, frames=45, known_spin=False):
         start = ObjectState(position, linear_velocity=velocity, angular_velocity=spin)
         rollout = simulator.rollout([Scene(CORNER, (ball,), (start,))], RUBBER, times)
         points = rollout.positions[0, 0] + generator.normal(0.0, 0.002, (frames, 3))
-        guess = 0.0 if known_spin else STATED
         believed = ObjectState(
             position + generator.normal(0.0, 0.001, 3),
             linear_velocity=velocity + generator.normal(0.0, 0.004, 3),
             angular_velocity=known_spin * spin,
-            covariance=np.diag(np.repeat([1e-6, 0.0, 16e-6, guess**2], 3)),
+            covariance=np.diag(np.repeat([1e-6, 0.0, 16e-6, (not known_spin) * guess**2], 3)),
         )
         observed.append(
             Observation(CORNER, (ObservedObject(ball, Trajectory(times, points), believed),), 0.0)
@@ -224,6 +230,35 @@ def test_learned_in_batch_and_on_line_alike(event_driven, sigma):
     online = learner.state.published.initial_spins.by_material["ball"]
     assert abs(np.log(online.deviation / batch.deviation)) < 1.5 * batch.relative_error
     assert online.count == pytest.approx(batch.count, rel=0.25)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_spread_of_spins_converges_with_the_fit(event_driven, seed):
+    # The estimate suits the spread of the step before: taken for the posterior's mean, a narrow
+    # spread and spins of before make a wide one, and that one with spins of no size a narrow one.
+    observed = throws(event_driven, 5, seed, 0.1, frames=150, guess=0.1)
+    _, task = _begin(observed, event_driven, OPTIONS, None, None, TrajectoryCost)
+    fit = JointFit(task.fit_task, JointEstimationSettings())
+    deviations = []
+    while not fit.settled and fit.steps < 40:
+        fit.step()
+        deviations.append(fit.model.spins.by_material["ball"].deviation)
+    assert fit.settled
+    assert deviations[-1] == pytest.approx(deviations[-2], rel=0.2)
+    assert deviations[-1] == pytest.approx(0.1, rel=0.5)
+
+
+@given(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
+def test_posterior_means_are_the_same_wherever_a_linear_problem_is_linearised(state, unit):
+    # y = s + u of variance v, s ~ N(0, a²), u ~ N(m, b²): E s = a² (y - m) / (a² + b² + v).
+    y, v, a, m, b = 1.2, 0.3, 0.7, 0.4, 0.2
+    hessian = np.array([[[1.0 / v + a**-2, 1.0 / v], [1.0 / v, 1.0 / v]]])
+    gradient = np.array([[(state + unit - y) / v + state * a**-2, (state + unit - y) / v]])
+    eliminated = NormalEquations(np.array([0]), np.array([[0]]), 1, hessian, gradient).eliminated()
+    prior = Gaussian.about(np.array([m]), np.array([[b**-2]]))
+    posterior = joint_posterior(prior, np.array([unit]), [eliminated], np.ones(1))
+    means = eliminated.state_means(np.array([[state]]), np.array([unit]), posterior)
+    assert means[0, 0] == pytest.approx(a**2 * (y - m) / (a**2 + b**2 + v))
 
 
 def test_search_without_spins_keeps_earlier_spins(event_driven):

@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Generic, TypeVar
 
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 Room = TypeVar("Room")
 
 PIECES = 2
@@ -48,6 +50,23 @@ def run_in_shares(
     for task in begun:
         # Raises what a thread has raised.
         task.result()
+
+
+def mapped_in_shares(
+    function: Callable[[Item], Result], items: Sequence[Item], threads: int
+) -> list[Result]:
+    """Return what a function returns for each item, which several threads work through.
+
+    `function` spends most of its time without the GIL, and each item is worth another thread.
+    """
+    results: dict[int, Result] = {}
+
+    def work_through(first: int, last: int) -> None:
+        for index in range(first, last):
+            results[index] = function(items[index])
+
+    run_in_shares(work_through, len(items), threads, 1)
+    return [results[index] for index in range(len(items))]
 
 
 class ThreadScratch(Generic[Room]):

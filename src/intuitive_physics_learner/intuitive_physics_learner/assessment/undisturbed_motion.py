@@ -15,15 +15,16 @@ come to rest, and stays there as long as it was seen, is followed no longer.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from operator import methodcaller
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.geometry.rotations import quaternion_product, rotate_quaternions
 from intuitive_physics.simulation import Rollout, Simulator, WorldStatus
-from intuitive_physics.simulation.shares import run_in_shares
+from intuitive_physics.simulation.shares import mapped_in_shares
 from intuitive_physics_learner.cost.cost_function import chunks
 from intuitive_physics_learner.cost.packed_observations import (
     PackedObservations,
@@ -32,6 +33,7 @@ from intuitive_physics_learner.cost.packed_observations import (
 from intuitive_physics_learner.joint_estimation.fit_horizons import FAILED_LENGTH
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.normal_equations import huber_weights, robust_loss
+from intuitive_physics_learner.joint_estimation.observation_blocks import LARGEST_BLOCK
 
 MOTIONS = (64, 256)
 """Motions that are followed: first of all observations, then of those with a notable misfit."""
@@ -39,9 +41,6 @@ MOTIONS = (64, 256)
 NOTABLE_MISFIT = 4.0
 """Loss per point of a segment above which more motions are followed: six points of noise exceed
 it, 1.5 on the average, with a probability of 1e-4."""
-
-SHARE = 16
-"""Observations whose motions a thread follows at a time."""
 
 SEGMENT = 0.2
 """Duration of a segment, s: six points at 30 Hz."""
@@ -108,18 +107,14 @@ def undisturbed_misfits(
         shares = [
             (group, rows)
             for group in groups
-            for rows in chunks(np.flatnonzero(asked[group.members]), SHARE)
+            for rows in chunks(np.flatnonzero(asked[group.members]), LARGEST_BLOCK)
         ]
         followed = [
             _Motions(fit, simulator, group, rows, states[group.members[rows]], own)
             for (group, rows), own in zip(shares, generator.spawn(len(shares)), strict=True)
         ]
-
-        def follow(first: int, last: int, followed: Sequence[_Motions] = followed) -> None:
-            for motions in followed[first:last]:
-                motions.follow(seconds_left)
-
-        run_in_shares(follow, len(followed), simulator.threads, 1)
+        follow = methodcaller("follow", seconds_left)
+        mapped_in_shares(follow, followed, simulator.threads)
         for (group, rows), motions in zip(shares, followed, strict=True):
             members = group.members[rows]
             # Of a second look that was not ended the worst segment may be missing.

@@ -397,7 +397,9 @@ class JointFit:
             self.model.parts(self.estimate), linear, equations, eliminated, strict=True
         ):
             covariances = equation.state_covariances(left, posterior)
-            spins = self.model.spin_likelihoods(block, part, covariances)
+            # Of the prior that this step has: the estimate suits that of the last one.
+            means = left.state_means(part.estimate, self.unit, posterior)
+            spins = self.model.spin_likelihoods(block, means, covariances)
             for likelihood, weight in zip(spins, self.weights[block.members], strict=True):
                 evidence.add_all(likelihood, float(weight))
             part.deviations = np.sqrt(np.einsum("wdd->wd", covariances))

@@ -52,6 +52,9 @@ MOVE_ROUNDS = 8
 """Rounds of moving a parameter outwards from the estimate, and of bisecting the end; set by
 hand."""
 
+USUAL_ROUNDS = 2
+"""Rounds that are usually enough, as no parameter has turned out to be bound to one side only."""
+
 LARGEST_MOVE_RISE = 4.5
 """Rise of the loss up to which a move is plausible, that of three standard deviations: a fit may
 gain more than that of two by making a ball slip that does not; below the 6 of a parabola at 2 √3
@@ -183,8 +186,8 @@ def curvature_simulations(fit: JointFit) -> float:
 
 
 def move_simulations(fit: JointFit) -> float:
-    """Simulations of single observations that `plausible_moves` takes at most."""
-    return fit.model.simulations_of(fit.estimate, 2 + 4 * MOVE_ROUNDS)
+    """Simulations of single observations that `plausible_moves` usually takes."""
+    return fit.model.simulations_of(fit.estimate, 2 + 4 * USUAL_ROUNDS)
 
 
 def one_sided_moves(
@@ -237,7 +240,8 @@ def agreed_deviations(
     """
     free = np.zeros((unit.size, 2)) if free is None else free
     apart = np.abs(half.mean - np.clip(half.mean, unit - free[:, 0], unit + free[:, 1]))
-    expected = half.deviations / np.sqrt(2.0)
+    # Half of the observations cannot know more than all do: slopes that say so are peculiar.
+    expected = np.maximum(half.deviations, deviations) / np.sqrt(2.0)
     ratios = np.where(half.deviations < LARGEST_DEVIATION, apart / expected, np.nan)
     # Slopes of a half that lies where the loss is flat say nothing of the end.
     least = np.where(free.any(axis=1), 0.0, expected)

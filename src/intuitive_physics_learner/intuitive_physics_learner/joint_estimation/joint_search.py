@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -17,8 +18,9 @@ from intuitive_physics_learner.joint_estimation.joint_identifiability import (
     joint_identifiability,
     move_simulations,
 )
-from intuitive_physics_learner.joint_estimation.several_starts import STARTS, drawn_starts
+from intuitive_physics_learner.joint_estimation.several_starts import LEFT, STARTS, drawn_starts
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
+from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 from intuitive_physics_learner.search.identifiability import Identifiability
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.parameter_search import Search
@@ -30,6 +32,14 @@ below the third that a fit horizon counts which advances twice and retreats once
 FEWEST_FOR_STARTS = 1000
 """Evaluations of J below which a fit has one start: on 85 recorded throws of a ball four of them
 take 300 until the worse are dropped, and find in 1000 what one does in 300; set by hand."""
+
+HALF_SHARE = 0.75
+"""Time of the fit to half of the observations in that of the fit to all from one start: few at a
+time take longer each."""
+
+SEARCH_SHARE = 0.5
+"""Share of a time limit in which fits from several starts should end: the choice among them, and
+what tells how well θ_s is known, take the rest; set by hand."""
 
 MISFIT_STEPS = 3
 """Steps that this mean is over; set by hand."""
@@ -60,6 +70,7 @@ class JointSearch(Search):
         drawn = drawn_starts(fit_task.prior, STARTS - 1, generator)
         self._staged = StagedFit(fit_task, np.array([fit_task.prior.mean, *drawn]))
         self._generator = generator
+        self._time_limit = np.inf
         self._evaluations = 0
         self._descent = CostDescent(replace(fit_task, cost=task.cost), generator)
         self._misfits: list[float] = []
@@ -85,9 +96,12 @@ class JointSearch(Search):
     def best_parameters(self) -> StaticParameters:
         return self._space.to_parameters(self._descent.unit if self.lowers_cost else self.fit.unit)
 
-    def plan(self, most_iterations: int | None) -> None:
-        if most_iterations is not None and most_iterations < FEWEST_FOR_STARTS:
-            self._staged.jointly.keep_first()
+    def plan(self, criteria: ConvergenceCriteria) -> None:
+        most = criteria.max_iterations
+        if most is not None and most < FEWEST_FOR_STARTS:
+            self._staged.jointly.keep(1)
+        if criteria.time_limit is not None:
+            self._time_limit = criteria.time_limit
 
     def step(self, limit: int) -> int:
         before = self.iterations
@@ -96,7 +110,7 @@ class JointSearch(Search):
                 self._descent.step(limit)
                 self._count(self._descent.cost)
         elif not self._staged.settled:
-            self._staged.step()
+            self._step_fits()
             self._evaluate()
             count = MISFIT_STEPS
             self._misfits = [*self._misfits, self.fit.misfits][-count:]
@@ -104,6 +118,15 @@ class JointSearch(Search):
             if enough and np.mean(self._misfits) > LARGEST_MISFIT_SHARE:
                 self._descent.begin(np.array([self.fit.prior.mean, self._lowest]))
         return self.iterations - before
+
+    def _step_fits(self) -> None:
+        """Take a step; after the first one, drop starts where there is no time for several."""
+        jointly, began = self._staged.jointly, time.monotonic()
+        self._staged.step()
+        if jointly.steps == 1 and len(jointly.fits) > 1:
+            each = jointly.seconds_of_one(time.monotonic() - began)
+            if LEFT * each > SEARCH_SHARE * self._time_limit:
+                jointly.keep(1)
 
     def conclude(self) -> None:
         """Choose among the fits from several starts by their evidence."""
@@ -134,9 +157,7 @@ class JointSearch(Search):
     def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
         if self.lowers_cost or self.iterations == 0:
             return super().identifiability_seconds(task, seconds)
-        # The fit to half of the observations simulates half as much as that to all, from one start,
-        # but few at a time take longer each.
-        judged = self._staged.best_simulations + 1.5 * curvature_simulations(self.fit)
+        judged = HALF_SHARE * self._staged.best_simulations + 1.5 * curvature_simulations(self.fit)
         judged += move_simulations(self.fit) + self._staged.jointly.choice_simulations
         if task.start_was_learned:
             judged += self.fit.held_simulations

@@ -209,6 +209,15 @@ class Elimination:
         steps = parameter_steps[self.parameters][..., None]
         return -self.offsets - (self.gains @ steps)[..., 0]
 
+    def state_means(
+        self, estimate: NDArray[np.float64], unit: NDArray[np.float64], posterior: Gaussian
+    ) -> NDArray[np.float64]:
+        """Return the means (W, d) of the initial states in the posterior, in SI units.
+
+        `estimate` (W, d) of them and `unit` (n,) of θ_s, about which all was linearised.
+        """
+        return estimate + self.state_steps(np.clip(posterior.mean, 0.0, 1.0) - unit)
+
 
 def reduced_equations(
     prior: Gaussian,

@@ -175,12 +175,23 @@ class SeveralStarts:
         self.steps += 1
         if self.steps == DROP_STEPS and len(self.fits) > LEFT:
             self._order(compared_evidences(self.task, self.fits, 0))
-            self._dropped_simulations += sum(f.model.simulations for f in self.fits[LEFT:])
-            self.fits, self.starts = self.fits[:LEFT], self.starts[:LEFT]
+            self.keep(LEFT)
 
-    def keep_first(self) -> None:
-        """Drop all fits but the first, before a step is taken."""
-        self.fits, self.starts = self.fits[:1], self.starts[:1]
+    def keep(self, count: int) -> None:
+        """Drop all fits but the first ones."""
+        self._dropped_simulations += sum(fit.model.simulations for fit in self.fits[count:])
+        self.fits, self.starts = self.fits[:count], self.starts[:count]
+
+    def seconds_of_one(self, seconds: float) -> float:
+        """Return the time in s that one fit takes to its end, if a step of all took `seconds`.
+
+        A step takes as long as its horizons are, and these grow by one advance at most.
+        """
+        fit = self.best
+        horizon = float(np.mean([each.horizon for each in fit.observation_fits()]))
+        duration = float(np.mean(durations(fit)))
+        steps = (duration - horizon) / fit.model.largest_advance
+        return seconds / len(self.fits) * steps * 0.5 * (horizon + duration) / horizon
 
     def add(self, fit: JointFit) -> None:
         """Let another fit to the same observations be chosen from, too."""

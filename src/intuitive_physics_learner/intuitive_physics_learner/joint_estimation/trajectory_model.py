@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics.simulation.shares import run_in_shares
+from intuitive_physics.simulation.shares import mapped_in_shares
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     TrajectoryFits,
     farthest_horizons,
@@ -113,14 +113,7 @@ class TrajectoryModel:
 
     def of_blocks(self, work: Callable[[int], Result]) -> list[Result]:
         """Return what `work` returns for the index of each block, in the threads of the cost."""
-        results: dict[int, Result] = {}
-
-        def work_through(first: int, last: int) -> None:
-            for index in range(first, last):
-                results[index] = work(index)
-
-        run_in_shares(work_through, len(self.blocks), self.cost.threads, 1)
-        return [results[index] for index in range(len(self.blocks))]
+        return mapped_in_shares(work, range(len(self.blocks)), self.cost.threads)
 
     def count(self, block: ObservationBlock, until: NDArray[np.float64], each: int) -> None:
         """Count simulations of each observation of a block, up to `until` (W,) s."""
@@ -144,17 +137,18 @@ class TrajectoryModel:
             self.blocks.append(replace(block, prior_deviations=deviations))
 
     def spin_likelihoods(
-        self, block: ObservationBlock, fits: TrajectoryFits, covariances: NDArray[np.float64]
+        self, block: ObservationBlock, means: NDArray[np.float64], covariances: NDArray[np.float64]
     ) -> list[tuple[SpinLikelihood, ...]]:
         """Return what each of a block's W observations says of its initial spins.
 
-        `covariances` (W, d, d) of the nuisance parameters, whatever θ_s is.
+        `means` (W, d) and `covariances` (W, d, d) of the nuisance parameters in their posterior,
+        whatever θ_s is.
         """
         return [
             tuple(
                 SpinLikelihood.of(
                     spin,
-                    fits.estimate[row, spin.places],
+                    means[row, spin.places],
                     covariances[row][np.ix_(spin.places, spin.places)],
                     float(block.prior_deviations[row, spin.places[0]]),
                 )
@@ -218,7 +212,8 @@ class TrajectoryModel:
             self.parts(estimate), linear, equations, eliminated, strict=True
         ):
             covariances = equation.state_covariances(left, posterior)
-            spins = self.spin_likelihoods(block, part, covariances)
+            means = left.state_means(part.estimate, estimate.unit, posterior)
+            spins = self.spin_likelihoods(block, means, covariances)
             present = part.estimate[None], slopes.residuals[None]
             d, scale = equation.state_size, block.prior_deviations
             inner = equation.hessian[:, :d, :d] * scale[:, :, None] * scale[:, None, :]

@@ -73,9 +73,8 @@ class Search(ABC):
         Returns whether the start is better than what was found.
         """
 
-    def plan(self, most_iterations: int | None) -> None:
-        """Prepare for at most `most_iterations` evaluations of J, before the first; None: any
-        number."""
+    def plan(self, criteria: ConvergenceCriteria) -> None:
+        """Prepare for what limits the search, before the first evaluation of J."""
         return
 
     def conclude(self) -> None:
@@ -117,7 +116,7 @@ class Search(ABC):
         began = saved = time.monotonic()
         reason = self._stop_reason(criteria, 0.0, False, None) if self.iterations else None
         if not self.iterations:
-            self.plan(criteria.max_iterations)
+            self.plan(criteria)
         while reason is None:
             before = self.iterations
             limit = LARGEST_BATCH

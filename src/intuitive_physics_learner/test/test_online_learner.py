@@ -160,6 +160,25 @@ def test_a_disturbed_throw_among_the_first_is_set_aside_later(event_driven, thro
     assert len(learner.state.kept) == learner.state.used == 7
 
 
+def test_what_a_user_includes_is_never_set_aside(event_driven, throws):
+    # A kick is doubted when it comes, and later beside the others: not where a user knows better.
+    first, *others = noisy_throws(throws, 8, 21)
+    observed = {each.id: each for each in (kicked(first), *others)}
+    learner = OnlineLearner(event_driven, OnlineOptions(window=4))
+    for each in observed.values():
+        assert not learner.learn_from_all([each], trusted=[first.id])
+    assert not learner.state.doubtful
+    assert first.id in [member.id for member in learner.state.kept]
+    again = OnlineState.from_json(learner.state.to_json())
+    assert [member.id for member in again.kept if member.trusted] == [first.id]
+    late = OnlineLearner(event_driven, OnlineOptions(window=4))
+    late.learn_from_all(list(observed.values()))
+    assert [member.id for member in late.state.doubtful] == [first.id]
+    late.learn_from_all([observed[first.id]], trusted=[first.id])
+    assert [member.id for member in late.state.kept if member.trusted] == [first.id]
+    assert not late.state.doubtful
+
+
 def test_signs_are_judged_beside_one_another():
     generator = np.random.default_rng(22)
     signs = {
@@ -611,6 +630,19 @@ def test_excluded_observation_returns_when_included(store, glide, gliding):
     store.include([first])
     learning = learn_all(store, glide)
     assert first in [member.id for member in learning.learner.state.window]
+
+
+def test_included_observation_is_trusted(store, glide, gliding):
+    generator = np.random.default_rng(21)
+    store.add_all([gliding(generator, 0.8) for _ in range(6)])
+    learn_all(store, glide)
+    odd = gliding(generator, 0.3)
+    store.add(odd)
+    assert [member.id for member in learn_all(store, glide).learner.state.doubtful] == [odd.id]
+    store.include([odd.id])
+    state = learn_all(store, glide).learner.state
+    assert not state.doubtful
+    assert [member.id for member in state.kept if member.trusted] == [odd.id]
 
 
 def test_excluded_observation_takes_part_in_no_refit(store, glide, gliding):

@@ -7,7 +7,7 @@ are kept, and later these with one another, by the signs that they showed when t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -63,14 +63,21 @@ class Examined:
         return self.doubt is None or self.doubt.reason.startswith(Reason.CONTRADICTORY.value)
 
 
-def examine(state: OnlineState, cost: Cost, simulator: Simulator, number: int) -> Examined:
-    """Fit the `number`-th observation to what is known, and judge it by its signs."""
+def examine(
+    state: OnlineState, cost: Cost, simulator: Simulator, number: int, *, trusted: bool = False
+) -> Examined:
+    """Fit the `number`-th observation to what is known, and judge it by its signs.
+
+    One that is trusted is never doubted.
+    """
     (observation,) = cost.observations
     fit = LoneFit(cost, state, state.prior)
     if fit.blocked:
         fit = LoneFit(cost, state, state.prior, careful=True)
     generator = np.random.default_rng(number)
     signs = signs_of(fit, simulator, generator)
+    if trusted:
+        return Examined(fit, replace(fit.member(number, signs), trusted=True), None)
     others = {member.id: member.signs for member in (*state.kept, *state.doubtful)}
     doubt = assessed({**others, observation.id: signs})[-1]
     good = doubt.status == USED
@@ -104,22 +111,28 @@ def signs_of(fit: LoneFit, simulator: Simulator, generator: np.random.Generator)
     )
 
 
-def assessed(members: Mapping[str, Signs]) -> list[Assessment]:
-    """Assess observations by their signs, beside one another, as after a search."""
+def assessed(members: Mapping[str, Signs], trusted: Collection[str] = ()) -> list[Assessment]:
+    """Assess observations by their signs, beside one another, as after a search.
+
+    Those whose ids are trusted are assessed, too, but never doubtful.
+    """
     signs = list(members.values())
     weights = good_probabilities(np.array([each.log_p for each in signs])).tolist()
     by_laws = [
-        Assessment(name, weight, *(("", USED) if weight >= LEAST_GOOD else (of.violated, DOUBTFUL)))
+        Assessment(name, weight, "", USED)
+        if weight >= LEAST_GOOD or name in trusted
+        else Assessment(name, weight, of.violated, DOUBTFUL)
         for (name, of), weight in zip(members.items(), weights, strict=True)
     ]
     misfits, times = np.array([[each.misfit, each.time] for each in signs]).reshape(-1, 2).T
-    return list(reassessed(by_laws, misfits, times))
+    return list(reassessed(by_laws, misfits, times, trusted))
 
 
 def set_aside_disturbed(state: OnlineState) -> list[Assessment]:
     """Set those aside that stand out beside the observations that there are now."""
     kept = state.kept
-    assessments = assessed({each.id: each.signs for each in (*kept, *state.doubtful)})
+    trusted = {each.id for each in kept if each.trusted}
+    assessments = assessed({each.id: each.signs for each in (*kept, *state.doubtful)}, trusted)
     noted = []
     for member, assessment in zip(kept, assessments[: len(kept)], strict=True):
         if assessment.status == DOUBTFUL:

@@ -8,7 +8,7 @@ known then is published (`publication`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 
 import numpy as np
 
@@ -88,6 +88,7 @@ class OnlineLearner:
         self,
         observations: Sequence[Observation],
         seconds_left: Callable[[], float] = lambda: np.inf,
+        trusted: Collection[str] = (),
     ) -> list[Assessment]:
         """Learn from new observations, in their order; those that are known are passed over.
 
@@ -95,6 +96,7 @@ class OnlineLearner:
         ----------
         observations : new ones
         seconds_left : called between steps; each observation takes its part in any case
+        trusted : ids of those that a user has included, which are never set aside
 
         Returns
         -------
@@ -105,12 +107,14 @@ class OnlineLearner:
             JointFits(self.state, self._simulator, self._options, seconds_left),
         )
         self._let_included_ones_come_again({observation.id for observation in observations})
+        for member in state.kept:
+            member.trusted |= member.id in trusted
         kept = {member.id for member in (*state.kept, *state.doubtful)}
         assessments = []
         for observation in observations:
             if observation.id not in kept:
                 kept.add(observation.id)
-                assessments += self._take(observation)
+                assessments += self._take(observation, observation.id in trusted)
         assessments += set_aside_disturbed(state)
         assessments += self._examine_again()
         let_go_of_old(state, self._options.time_constant)
@@ -170,8 +174,8 @@ class OnlineLearner:
         state.processed -= len(state.doubtful) - len(rest)
         state.doubtful = rest
 
-    def _take(self, observation: Observation) -> list[Assessment]:
-        """Predict an observation, then take it into the window or set it aside."""
+    def _take(self, observation: Observation, trusted: bool = False) -> list[Assessment]:
+        """Predict an observation, then take it into the window or, unless trusted, set it aside."""
         state = self.state
         state.processed += 1
         state.know_materials(observation.materials)
@@ -179,7 +183,7 @@ class OnlineLearner:
         if not state.influence([observation]).any():
             return []
         try:
-            examined = self._examined(observation, state.processed)
+            examined = self._examined(observation, state.processed, trusted)
         except UnsupportedSceneError as error:
             self.problem = f"observation {observation.id} is passed over: {error}"
             state.set_aside += 1
@@ -205,9 +209,10 @@ class OnlineLearner:
         state.doubtful.append(member)
         return []
 
-    def _examined(self, observation: Observation, number: int) -> Examined:
+    def _examined(self, observation: Observation, number: int, trusted: bool = False) -> Examined:
         """Return the `number`-th observation beside what is known."""
-        return examine(self.state, self._cost([detected(observation)]), self._simulator, number)
+        cost = self._cost([detected(observation)])
+        return examine(self.state, cost, self._simulator, number, trusted=trusted)
 
     def _follow_change(self, fits: JointFits) -> list[Assessment]:
         """Forget parameters that have changed, and learn them again from what came since."""

@@ -85,6 +85,7 @@ class Member:
         fit
     signs : of having been disturbed
     weight : with which it counts; 0 where it is doubtful
+    trusted : whether a user has included it, so that nothing sets it aside
     """
 
     id: str
@@ -94,6 +95,7 @@ class Member:
     likelihood: LocalLikelihood
     signs: Signs
     weight: float = 1.0
+    trusted: bool = False
 
 
 @dataclass(eq=False)

@@ -67,21 +67,21 @@ class StoredOnlineLearning:
             if newest != self._version:
                 self._adopt()
         state = self.learner.state
-        observations, problems, position = self._record.observations_since(
-            state.position, BATCH, state.adopted
-        )
-        if position == state.position:
+        new = self._record.observations_since(state.position, BATCH, state.adopted)
+        if new.revision == state.position:
             return False
-        for name, problem in problems.items():
+        for name, problem in new.problems.items():
             self.problem = f"observation {name} cannot be read and is passed over: {problem}"
         before = self._version
-        usual = self._options.seconds * len(observations)
+        usual = self._options.seconds * len(new.observations)
         ends = time.process_time() + usual + state.spare_seconds
-        assessments = self.learner.learn_from_all(observations, lambda: ends - time.process_time())
+        assessments = self.learner.learn_from_all(
+            new.observations, lambda: ends - time.process_time(), new.trusted
+        )
         most = self._options.seconds * MOST_SPARED
         state.spare_seconds = float(np.clip(ends - time.process_time(), 0.0, most))
         self.problem = self.learner.problem or self.problem
-        state.position = position
+        state.position = new.revision
         learned = state.published if self._version != before else None
         if not self._store.save_online(state.to_json(), before, learned, assessments):
             # Others have stored a version meanwhile: it counts, and these are learned from again.

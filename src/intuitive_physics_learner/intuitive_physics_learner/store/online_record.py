@@ -4,15 +4,35 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from intuitive_physics.observation import Observation
 from intuitive_physics_learner.store.database import Database
 from intuitive_physics_learner.store.observation_entries import (
     DOUBTFUL,
+    INCLUDED_BY_USER,
     USED,
     parsed_observation,
     readable_observations,
 )
+
+
+@dataclass(frozen=True)
+class NewObservations:
+    """Observations that were added or given back since a revision of the store.
+
+    Parameters
+    ----------
+    observations : in the order in which they were added or given back
+    trusted : ids of those that the user has included
+    problems : of each observation that cannot be read, by its id
+    revision : from which to read on; the same as before where there are none
+    """
+
+    observations: list[Observation]
+    trusted: frozenset[str]
+    problems: dict[str, str]
+    revision: int
 
 
 class OnlineRecord:
@@ -24,31 +44,26 @@ class OnlineRecord:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def observations_since(
-        self, revision: int, limit: int, but: int
-    ) -> tuple[list[Observation], dict[str, str], int]:
+    def observations_since(self, revision: int, limit: int, but: int) -> NewObservations:
         """Read the first observations that were added or given back since a revision.
 
         Those that the search has learned from that led to version `but` are left out; 0: none are.
-
-        Returns `observations`: the order in which they were added or given back; `problems`: of
-        each observation that cannot be read, by its id; `revision`: from which to read on; the same
-        where there are none.
         """
         rows = self._database.rows(
-            "SELECT entry.revision, entry.id, json FROM observation_entries AS entry "
+            "SELECT entry.revision, entry.id, reason, json FROM observation_entries AS entry "
             "JOIN observations USING (id) WHERE entry.revision > ? AND entry.status = ? "
             "AND entry.learned_in IS NOT ? ORDER BY entry.revision LIMIT ?",
             (revision, USED, but, limit),
         )
         observations, problems = [], {}
-        for _, name, text in rows:
+        for _, name, _, text in rows:
             observation = parsed_observation(text)
             if isinstance(observation, Observation):
                 observations.append(observation)
             else:
                 problems[name] = str(observation)
-        return observations, problems, rows[-1][0] if rows else revision
+        trusted = frozenset(name for _, name, reason, _ in rows if reason == INCLUDED_BY_USER)
+        return NewObservations(observations, trusted, problems, rows[-1][0] if rows else revision)
 
     def count_since(self, revision: int, but: int) -> int:
         """Return the number of observations that `observations_since` reads, without a limit."""

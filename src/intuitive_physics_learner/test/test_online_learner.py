@@ -160,6 +160,28 @@ def test_a_disturbed_throw_among_the_first_is_set_aside_later(event_driven, thro
     assert len(learner.state.kept) == learner.state.used == 7
 
 
+@pytest.mark.parametrize("is_there", [True, False])
+def test_one_that_left_the_window_is_set_aside_and_examined_at_once(event_driven, throws, is_there):
+    # Its observation is not at hand any more: it is read again, unless somebody has deleted it.
+    observed = {each.id: each for each in noisy_throws(throws, 13, 23)}
+    *first, last = observed.values()
+    learner = OnlineLearner(
+        event_driven,
+        OnlineOptions(window=4),
+        recall=lambda ids: [observed[name] for name in ids if name in observed],
+    )
+    learner.learn_from_all(first)
+    member = learner.state.past[0]
+    assert member.id not in [each.id for each in learner.kept_observations]
+    member.signs = replace(member.signs, log_p=-30.0)
+    if not is_there:
+        del observed[member.id]
+    noted = learner.learn_from_all([last])
+    assert [(each.id, each.status) for each in noted][0] == (member.id, DOUBTFUL)
+    known = [each.id for each in (*learner.state.kept, *learner.state.doubtful)]
+    assert (member.id in known) == is_there
+
+
 def test_what_a_user_includes_is_never_set_aside(event_driven, throws):
     # A kick is doubted when it comes, and later beside the others: not where a user knows better.
     first, *others = noisy_throws(throws, 8, 21)

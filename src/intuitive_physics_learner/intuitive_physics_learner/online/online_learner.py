@@ -203,7 +203,11 @@ class OnlineLearner:
         if not state.doubtful or state.doubtful[0].number > state.processed - RECENT:
             return []
         member = state.doubtful.pop(0)
-        examined = self._examined(self._observations[member.id], member.number)
+        observation = self._recalled([member]).get(member.id)
+        if observation is None:
+            return []
+        self._observations[member.id] = observation
+        examined = self._examined(observation, member.number)
         if examined.doubt is None:
             return [take_back(state, examined.member)]
         state.doubtful.append(member)

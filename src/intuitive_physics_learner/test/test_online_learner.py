@@ -177,7 +177,7 @@ def test_one_that_left_the_window_is_set_aside_and_examined_at_once(event_driven
     if not is_there:
         del observed[member.id]
     noted = learner.learn_from_all([last])
-    assert [(each.id, each.status) for each in noted][0] == (member.id, DOUBTFUL)
+    assert (noted[0].id, noted[0].status) == (member.id, DOUBTFUL)
     known = [each.id for each in (*learner.state.kept, *learner.state.doubtful)]
     assert (member.id in known) == is_there
 

@@ -53,7 +53,7 @@ MOVE_ROUNDS = 8
 hand."""
 
 USUAL_ROUNDS = 2
-"""Rounds that are usually enough, as no parameter has turned out to be bound to one side only."""
+"""Rounds that are usually made: most often no parameter is bound to one side only."""
 
 LARGEST_MOVE_RISE = 4.5
 """Rise of the loss up to which a move is plausible, that of three standard deviations: a fit may

@@ -38,8 +38,8 @@ HALF_SHARE = 0.75
 time take longer each."""
 
 SEARCH_SHARE = 0.5
-"""Share of a time limit in which fits from several starts should end: the choice among them, and
-what tells how well θ_s is known, take the rest; set by hand."""
+"""Share of a time limit in which fits from several starts should end. The rest is left for choosing
+among them and for computing the uncertainty of θ_s; set by hand."""
 
 MISFIT_STEPS = 3
 """Steps that this mean is over; set by hand."""

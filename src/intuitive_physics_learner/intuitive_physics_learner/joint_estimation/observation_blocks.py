@@ -17,7 +17,7 @@ from intuitive_physics_learner.cost.trials import resting
 from intuitive_physics_learner.joint_estimation.point_noise import TrackNoise, track_noises
 
 LARGEST_BLOCK = 16
-"""Observations of a block at most: threads share blocks among them."""
+"""Largest number of observations that one thread works on together."""
 
 PRIOR_WIDENING = 10.0
 """Factor on the standard deviations of the observed initial position and velocity: most of what is

@@ -116,6 +116,7 @@ class OnlineLearner:
                 kept.add(observation.id)
                 assessments += self._take(observation, observation.id in trusted)
         assessments += set_aside_disturbed(state)
+        self._read_doubtful()
         assessments += self._examine_again()
         let_go_of_old(state, self._options.time_constant)
         if state.refit_is_due:
@@ -203,11 +204,7 @@ class OnlineLearner:
         if not state.doubtful or state.doubtful[0].number > state.processed - RECENT:
             return []
         member = state.doubtful.pop(0)
-        observation = self._recalled([member]).get(member.id)
-        if observation is None:
-            return []
-        self._observations[member.id] = observation
-        examined = self._examined(observation, member.number)
+        examined = self._examined(self._observations[member.id], member.number)
         if examined.doubt is None:
             return [take_back(state, examined.member)]
         state.doubtful.append(member)
@@ -235,6 +232,12 @@ class OnlineLearner:
         state.win_trial(length)
         return assessments
 
+    def _read_doubtful(self) -> None:
+        """Have the doubtful observations at hand, those that had left the window included."""
+        self._observations = self._recalled(self.state.doubtful)
+        there = [member for member in self.state.doubtful if member.id in self._observations]
+        self.state.doubtful = there
+
     def _recalled(self, members: Iterable[Member]) -> dict[str, Observation]:
         """Return observations by id: those at hand, and earlier ones as far as they are there."""
         missing = [member.id for member in members if member.id not in self._observations]
@@ -246,8 +249,7 @@ class OnlineLearner:
 
     def _drop_observations(self) -> None:
         """Keep the observations that the state needs, those that were set aside included."""
-        state, there = self.state, self._recalled(self.state.doubtful)
-        state.doubtful = [member for member in state.doubtful if member.id in there]
+        state = self.state
         past = [] if self._recall else state.past
         members = (*past, *state.window, *state.doubtful)
-        self._observations = {member.id: there[member.id] for member in members}
+        self._observations = {member.id: self._observations[member.id] for member in members}

@@ -196,6 +196,29 @@ def test_scheduler_that_goes_away(throws, monkeypatch):
             cost.costs(candidates(cost.materials, 1))
 
 
+@pytest.mark.parametrize("given_up", [False, True])
+def test_scheduler_that_comes_back_at_its_address(throws, monkeypatch, given_up):
+    monkeypatch.setattr("intuitive_physics_learner.cost.cluster.CONNECT_TIMEOUT", 2.0)
+    observed, simulator = throws(2, 0), make_simulator("event_driven")
+    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0"}
+    cluster = distributed.LocalCluster(**options, silence_logs="CRITICAL")
+    port = int(cluster.scheduler_address.rpartition(":")[2])
+    with CostMaker(cluster.scheduler_address) as elsewhere:
+        cost = elsewhere(observed, simulator)
+        some = candidates(cost.materials, 1)
+        expected = cost.costs(some)
+        cluster.close()
+        until = time.monotonic() + 20.0
+        while given_up and elsewhere._client.status != "closed":
+            assert time.monotonic() < until
+            time.sleep(0.05)
+        with distributed.LocalCluster(
+            **options, scheduler_port=port, silence_logs="CRITICAL"
+        ) as again:
+            assert again.scheduler_address.endswith(f":{port}")
+            assert (elsewhere(observed, simulator).costs(some) == expected).all()
+
+
 def log_an_error():
     try:
         raise OSError("the stream is\nclosed")

@@ -135,6 +135,9 @@ class CostMaker:
         """
         if not self._where:
             return TrajectoryCost(observations, simulator, materials, distance)
+        if self._client is not None and self._client.status != "running":
+            # Dask gives a scheduler up that is away for longer than a connection may take.
+            self.close()
         if self._client is None:
             self._client = self._connect()
         return ClusterCost(self._client, observations, simulator, materials, distance)
@@ -210,7 +213,7 @@ class ClusterCost(Cost):
     ) -> None:
         super().__init__(observations, materials)
         self._client = client
-        self._threads = max(1, sum(client.nthreads().values()))
+        self._threads = max(1, sum(self._guarded(client.nthreads).values()))
         self._local = TrajectoryCost(self.observations, simulator, self.materials, distance)
         self._there = self._guarded(self._sent)
 

@@ -72,9 +72,12 @@ GIVEN_PARAMETERS = """\
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two throws, in a folder whose name no shell and no parser of expressions likes."""
+    """Two throws, in a folder whose name no shell and no parser of expressions likes.
+
+    They begin when two robots on two cores have modelled the room, which takes them seconds.
+    """
     folder = tmp_path_factory.mktemp("bags") / "it's 1"
-    render_bag(folder, RenderSettings(throws=2, seed=3, lead_in=0.7, pause=0.6))
+    render_bag(folder, RenderSettings(throws=2, seed=3, lead_in=2.0, pause=0.6))
     return folder
 
 
@@ -240,8 +243,8 @@ def test_two_robots_replay_side_by_side(home, bag) -> None:
     heard = {}
     with (
         Peer("inspector", 120.0) as peer,
-        robot(home, "left", bag, "rate:=0.5") as left,
-        robot(home, "right", bag, "rate:=0.5") as right,
+        robot(home, "left", bag, "rate:=0.4") as left,
+        robot(home, "right", bag, "rate:=0.4") as right,
     ):
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
         for name in ("left", "right"):

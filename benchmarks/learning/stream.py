@@ -71,11 +71,15 @@ def measure_cost(stored: int, recent: int, measured: int, seed: int, folder: Pat
     with ObservationStore(folder / "learner.sqlite3") as store:
         first = list(itertools.islice(stream, min(SEARCHED, stored - recent)))
         store.add_all(first)
-        while store.count() < stored - recent:
-            count = min(BATCH, stored - recent - store.count())
-            store.add_all(list(itertools.islice(stream, count)))
+        searched = [observation.id for observation in first]
+        while len(searched) < stored - recent:
+            batch = list(itertools.islice(stream, min(BATCH, stored - recent - len(searched))))
+            store.add_all(batch)
+            searched += [observation.id for observation in batch]
         learned = learn_by_default(first, threads=1).parameters
-        store.add_parameters(replace(learned, observation_count=store.count()))
+        # As after a search over all of them: on-line learning goes on with what came since.
+        learned = replace(learned, observation_count=len(searched))
+        store.add_improvement(learned, on=store.newest_version(), learned_from=searched)
         seconds = []
         for observation in itertools.islice(stream, recent + measured):
             began = time.process_time()

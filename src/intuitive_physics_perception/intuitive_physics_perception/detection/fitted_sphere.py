@@ -334,7 +334,7 @@ class SphereFitter:
             around, _ = view.around(sphere)
             beyond = readings_beyond(around, sphere, self.noise)
             if alone and not first:
-                touched = touched_sectors(self._looked_round(view, sphere))
+                touched = touched_sectors(self._looked_round(view, sphere)[0])
                 points = points[~outside_in_sectors(points, sphere, touched)]
             fit = refine_sphere(points, beyond, sphere, *limits, noise, sharing, growth)
             if not fit.inliers or fit.misfit * scale > self._settings.max_misfit:
@@ -395,8 +395,8 @@ class SphereFitter:
 
     def _outline(self, view: ClusterView, fit: SphereFit, visible: float) -> Outline | None:
         """How the sphere stands apart from what is about it; None where its surface is none."""
-        seen = self._looked_round(view, fit.sphere)
-        spread = self._spread_of(seen.patches, fit)
+        seen, each = self._looked_round(view, fit.sphere)
+        spread = self._spread_of(seen.patches, each, fit)
         errors = seen.patches[seen.patches[:, 0] > 0.0, 1]
         # The mean of a patch averages the noise away, so that it distinguishes shapes that differ
         # by less than the noise of one reading: about one for a sphere.
@@ -409,14 +409,21 @@ class SphereFitter:
             return Outline(None, None, *seen_apart)
         return Outline(seen.new, seen.known, *seen_apart)
 
-    def _looked_round(self, view: ClusterView, sphere: NDArray[np.float64]) -> OutlineView:
-        return look_round_outline(*view.surroundings(sphere), sphere, view.pixel, self.noise)
+    def _looked_round(
+        self, view: ClusterView, sphere: NDArray[np.float64]
+    ) -> tuple[OutlineView, int]:
+        """What is round a sphere, and how many readings each of those looked at stands for."""
+        *about, each = view.surroundings(sphere)
+        return look_round_outline(*about, sphere, view.pixel, self.noise), each
 
-    def _spread_of(self, patches: NDArray[np.float64], fit: SphereFit) -> NDArray[np.float64]:
+    def _spread_of(
+        self, patches: NDArray[np.float64], each: int, fit: SphereFit
+    ) -> NDArray[np.float64]:
         """Variances (m,) m² of the errors of those of a surface's patches (n, 3) of `OutlineView`
-        that have readings."""
+        that have readings, each of which stands for some."""
         readings, _, variances = patches[patches[:, 0] > 0.0].T
-        shared = np.minimum(1.0 + self._sharing, readings)
+        # Readings that are some pixels apart have less of their noise in common.
+        shared = np.minimum(1.0 + self._sharing / each, readings)
         unevenness = UNEVENNESS * float(fit.sphere[3])
         return np.asarray(fit.noise_scale * variances * shared / readings + unevenness**2)
 

@@ -95,10 +95,11 @@ class ClusterView:
         it, and how many readings each that they take stands for."""
         height, width = self.points.shape[:2]
         distance = float(np.linalg.norm(sphere[:3]))
-        away = np.linalg.norm(self._directions - sphere[:3] / distance, axis=1)
-        nearest = int(away.argmin())
+        axis = sphere[:3] / distance
+        nearest = int((self._directions @ axis.astype(np.float32)).argmax())
         row, column = divmod(int(self.cluster[nearest]), width)
-        reach = float(away[nearest]) + WINDOW_RADII * float(sphere[3]) / distance
+        away = float(np.linalg.norm(self._directions[nearest] - axis))
+        reach = away + WINDOW_RADII * float(sphere[3]) / distance
         half = int(min(reach / self.pixel, max(height, width))) + 5
         top, bottom = max(row - half, 0), min(row + half + 1, height)
         left, right = max(column - half, 0), min(column + half + 1, width)

@@ -60,8 +60,11 @@ grow by up to one pixel (root mean square 0.7 where every second camera does), m
 edges take about as much away."""
 
 NEW_READINGS = 0.5
-"""Part of a sphere's readings that must lie where nothing was before for it to be new in the
-scene."""
+"""Part of a sphere's readings that must lie where nothing was before for it to be new in the scene,
+of those that lie where it is known whether something was."""
+
+TELLING = 0.25
+"""Part of a sphere's readings that must lie where that is known. Set by hand."""
 
 NEW_GOES_ON = 0.7
 """Part of the ring round its outline in which the cluster of a new sphere may go on: each ball of
@@ -478,7 +481,10 @@ def _was_there(outline: Outline) -> bool:
 
 
 def _is_new(outline: Outline) -> bool:
-    return outline.new is not None and outline.new > NEW_READINGS
+    if outline.new is None or outline.known is None:
+        return False
+    telling = outline.new + outline.known
+    return telling >= TELLING and outline.new > NEW_READINGS * telling
 
 
 def stands_apart(outline: Outline) -> bool:

@@ -171,14 +171,14 @@ class Stages:
     ) -> None:
         self._settings = settings
         self.before = before
-        self.spheres = SphereFinder(model.noise, settings, rng)
+        self.spheres = SphereFinder(model, settings, rng)
         self.solids = SolidFinder(model, settings, rng) if settings.find_solids else None
         self._look_from(model, ForegroundFinder(model, settings, before, space))
 
     def _look_from(self, model: EnvironmentModel, foreground: ForegroundFinder) -> None:
         self.model, self.foreground = model, foreground
         self.static_boxes = StaticBoxFilter(model, self._settings)
-        self.spheres.look_from(model.sensor_pose)
+        self.spheres.look_from(model)
         if self.solids is not None:
             self.solids.look_from(model)
 
@@ -594,6 +594,6 @@ def perceive_cloud(
     frame = cloud if cloud.ndim == 3 else cloud[None]
     model = model_environment([frame], settings, rng)
     clusters = ForegroundFinder(model, settings).find(frame)
-    parts = SphereFinder(model.noise, settings, rng).find(frame, clusters)
+    parts = SphereFinder(model, settings, rng).find(frame, clusters)
     spheres = without_doubles([sphere for part in parts for sphere in part.spheres])
     return model.environment, [s.moved(model.rotation, model.translation) for s in spheres]

@@ -64,10 +64,8 @@ class ClusterView:
         """
         if not self.is_organised:
             return self.points[0, self._cone(sphere)], 1
-        window = self.points[self._window(sphere)]
-        every = int(np.ceil(np.sqrt(window.shape[0] * window.shape[1] / WINDOW_READINGS)))
-        window = window[::every, ::every]
-        return np.ascontiguousarray(window).reshape(-1, 3), every * every
+        window, each = self._window(sphere)
+        return np.ascontiguousarray(self.points[window]).reshape(-1, 3), each
 
     @property
     def knows_before(self) -> bool:
@@ -76,35 +74,37 @@ class ClusterView:
 
     def surroundings(
         self, sphere: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.uint8]]:
-        """Return readings (n, 3) m about a sphere (4,), which of them (n,) are the cluster's, and
-        their marks (n,), 0 where nothing is known."""
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.uint8], int]:
+        """Return readings (n, 3) m about a sphere (4,), which of them (n,) are the cluster's,
+        their marks (n,), 0 where nothing is known, and how many each stands for."""
         in_cluster = np.zeros(self.points.shape[:2], dtype=bool)
         in_cluster.ravel()[self.cluster] = True
         if self.is_organised:
-            window = self._window(sphere)
+            window, each = self._window(sphere)
             points = np.ascontiguousarray(self.points[window]).reshape(-1, 3)
             own = in_cluster[window].ravel()
             marks = None if self.marks is None else self.marks[window].ravel()
         else:
-            near = self._cone(sphere)
+            near, each = self._cone(sphere), 1
             points, own = self.points[0, near], in_cluster[0, near]
             marks = None if self.marks is None else self.marks[0, near]
-        return points, own, np.zeros(len(points), np.uint8) if marks is None else marks
+        return points, own, np.zeros(len(points), np.uint8) if marks is None else marks, each
 
-    def _window(self, sphere: NDArray[np.float64]) -> tuple[slice, slice]:
+    def _window(self, sphere: NDArray[np.float64]) -> tuple[tuple[slice, slice], int]:
         """Rows and columns of an organised cloud that hold a sphere's outline and what is round
-        it."""
+        it, and how many readings each that they take stands for."""
         height, width = self.points.shape[:2]
         distance = float(np.linalg.norm(sphere[:3]))
-        away = np.linalg.norm(self._directions - sphere[:3] / distance, axis=1)
-        nearest = int(away.argmin())
+        axis = sphere[:3] / distance
+        nearest = int((self._directions @ axis.astype(np.float32)).argmax())
         row, column = divmod(int(self.cluster[nearest]), width)
-        reach = float(away[nearest]) + WINDOW_RADII * float(sphere[3]) / distance
+        away = float(np.linalg.norm(self._directions[nearest] - axis))
+        reach = away + WINDOW_RADII * float(sphere[3]) / distance
         half = int(min(reach / self.pixel, max(height, width))) + 5
-        rows = slice(max(row - half, 0), row + half + 1)
-        columns = slice(max(column - half, 0), column + half + 1)
-        return rows, columns
+        top, bottom = max(row - half, 0), min(row + half + 1, height)
+        left, right = max(column - half, 0), min(column + half + 1, width)
+        every = int(np.ceil(np.sqrt((bottom - top) * (right - left) / WINDOW_READINGS)))
+        return (slice(top, bottom, every), slice(left, right, every)), every * every
 
     def _cone(self, sphere: NDArray[np.float64]) -> NDArray[np.int64]:
         """Indices (n,) of the readings of an unorganised cloud whose rays pass near a sphere.

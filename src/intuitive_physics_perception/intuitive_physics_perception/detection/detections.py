@@ -42,6 +42,7 @@ class Outline:
     ends : part of the ring in which what is read lies behind all that could go on
     visible : part of the outline's disc in which its surface is read
     bulge : how that surface deviates from the sphere
+    is_carried : whether it lies on a plane that carries it
     """
 
     new: float | None
@@ -52,6 +53,7 @@ class Outline:
     ends: float
     visible: float
     bulge: Bulge
+    is_carried: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -60,8 +60,11 @@ grow by up to one pixel (root mean square 0.7 where every second camera does), m
 edges take about as much away."""
 
 NEW_READINGS = 0.5
-"""Part of a sphere's readings that must lie where nothing was before for it to be new in the
-scene."""
+"""Part of a sphere's readings that must lie where nothing was before for it to be new in the scene,
+of those that lie where it is known whether something was."""
+
+TELLING = 0.25
+"""Part of a sphere's readings that must lie where that is known. Set by hand."""
 
 NEW_GOES_ON = 0.7
 """Part of the ring round its outline in which the cluster of a new sphere may go on: each ball of
@@ -74,6 +77,20 @@ where it touches one other thing."""
 STATIC_LEVEL = 0.25
 """Part of the ring in which any surface may go on round such a sphere: the plane that a ball lies
 on does so in a fifth of it, seen from near."""
+
+CARRIED_LEVEL = 0.6
+"""The same round a sphere that lies on a plane: that goes on below it, in half of the ring as far
+as noise shows where it lies; round a bulge in a plane it does in all."""
+
+CARRIER_COSINE = 0.94
+"""Cosine of the steepest slope, 20°, of a plane that carries what lies on it."""
+
+CARRIED_SIGMAS = 3.0
+"""Standard deviations by which the height of a sphere that lies on a plane may differ from its
+radius."""
+
+CARRIED_MARGIN = 0.1
+"""Radii that are added to that, for planes that are not quite flat. Set by hand."""
 
 STATIC_ENDS = 0.3
 """Part of the ring in which something must be read clearly behind such a sphere."""
@@ -219,6 +236,14 @@ class SphereFitter:
         self.known_radii = [item.radius for item in settings.known_objects]
         self._sharing = noise.correlated - 1.0
         self.noise = np.square([noise.constant, noise.quadratic, noise.limit, noise.lateral])
+        self._carriers = np.zeros((0, 4))
+
+    def look_from(self, model: EnvironmentModel) -> None:
+        """Take the planes that may carry a sphere, as the sensor sees them now."""
+        up = model.rotation.T @ [0.0, 0.0, 1.0]
+        planes = [plane for plane in model.detected if plane.normal @ up >= CARRIER_COSINE]
+        carriers = [np.append(plane.normal, plane.offset) for plane in planes]
+        self._carriers = np.array(carriers).reshape(-1, 4)
 
     def fitted(
         self,
@@ -334,7 +359,7 @@ class SphereFitter:
             around, _ = view.around(sphere)
             beyond = readings_beyond(around, sphere, self.noise)
             if alone and not first:
-                touched = touched_sectors(self._looked_round(view, sphere))
+                touched = touched_sectors(self._looked_round(view, sphere)[0])
                 points = points[~outside_in_sectors(points, sphere, touched)]
             fit = refine_sphere(points, beyond, sphere, *limits, noise, sharing, growth)
             if not fit.inliers or fit.misfit * scale > self._settings.max_misfit:
@@ -395,8 +420,8 @@ class SphereFitter:
 
     def _outline(self, view: ClusterView, fit: SphereFit, visible: float) -> Outline | None:
         """How the sphere stands apart from what is about it; None where its surface is none."""
-        seen = self._looked_round(view, fit.sphere)
-        spread = self._spread_of(seen.patches, fit)
+        seen, each = self._looked_round(view, fit.sphere)
+        spread = self._spread_of(seen.patches, each, fit)
         errors = seen.patches[seen.patches[:, 0] > 0.0, 1]
         # The mean of a patch averages the noise away, so that it distinguishes shapes that differ
         # by less than the noise of one reading: about one for a sphere.
@@ -405,18 +430,35 @@ class SphereFitter:
         bulge = bulge_of(seen.patches, spread, float(fit.sphere[3]))
         goes_on = float(np.mean(seen.going_on > 0.5))
         seen_apart = goes_on, seen.level, seen.level_off_planes, seen.ends, visible, bulge
+        seen_apart = *seen_apart, self._is_carried(fit)
         if not view.knows_before:
             return Outline(None, None, *seen_apart)
         return Outline(seen.new, seen.known, *seen_apart)
 
-    def _looked_round(self, view: ClusterView, sphere: NDArray[np.float64]) -> OutlineView:
-        return look_round_outline(*view.surroundings(sphere), sphere, view.pixel, self.noise)
+    def _is_carried(self, fit: SphereFit) -> bool:
+        """Whether a sphere lies on a plane that carries it: its height is its radius."""
+        normals, offsets = self._carriers[:, :3], self._carriers[:, 3]
+        above = normals @ fit.sphere[:3] - offsets - fit.sphere[3]
+        directions = np.column_stack([normals, -np.ones(len(normals))])
+        deviations = np.sqrt(np.einsum("ki,ij,kj->k", directions, fit.covariance, directions))
+        margin = CARRIED_SIGMAS * deviations + CARRIED_MARGIN * fit.sphere[3]
+        return bool((np.abs(above) <= margin).any())
 
-    def _spread_of(self, patches: NDArray[np.float64], fit: SphereFit) -> NDArray[np.float64]:
+    def _looked_round(
+        self, view: ClusterView, sphere: NDArray[np.float64]
+    ) -> tuple[OutlineView, int]:
+        """What is round a sphere, and how many readings each of those looked at stands for."""
+        *about, each = view.surroundings(sphere)
+        return look_round_outline(*about, sphere, view.pixel, self.noise), each
+
+    def _spread_of(
+        self, patches: NDArray[np.float64], each: int, fit: SphereFit
+    ) -> NDArray[np.float64]:
         """Variances (m,) m² of the errors of those of a surface's patches (n, 3) of `OutlineView`
-        that have readings."""
+        that have readings, each of which stands for some."""
         readings, _, variances = patches[patches[:, 0] > 0.0].T
-        shared = np.minimum(1.0 + self._sharing, readings)
+        # Readings that are some pixels apart have less of their noise in common.
+        shared = np.minimum(1.0 + self._sharing / each, readings)
         unevenness = UNEVENNESS * float(fit.sphere[3])
         return np.asarray(fit.noise_scale * variances * shared / readings + unevenness**2)
 
@@ -439,21 +481,25 @@ def _was_there(outline: Outline) -> bool:
 
 
 def _is_new(outline: Outline) -> bool:
-    return outline.new is not None and outline.new > NEW_READINGS
+    if outline.new is None or outline.known is None:
+        return False
+    telling = outline.new + outline.known
+    return telling >= TELLING and outline.new > NEW_READINGS * telling
 
 
 def stands_apart(outline: Outline) -> bool:
     """Return whether a sphere ends all round its outline and is seen as a whole.
 
     A bulge of a plane ends nowhere, but a plane was there before what is new. Beside what stood
-    there before something must be read behind it; before the sky nothing is.
+    there before something must be read behind it; before the sky nothing is. The plane on which a
+    ball lies goes on round it where it is seen from above.
     """
+    alone = outline.goes_on <= STATIC_GOES_ON and outline.level_off_planes <= STATIC_LEVEL
     if _is_new(outline):
-        alone = outline.goes_on <= STATIC_GOES_ON and outline.level_off_planes <= STATIC_LEVEL
         return alone and outline.visible >= NEW_VISIBLE
     return (
-        outline.goes_on <= STATIC_GOES_ON
-        and outline.level <= STATIC_LEVEL
+        alone
+        and outline.level <= (CARRIED_LEVEL if outline.is_carried else STATIC_LEVEL)
         and not (_was_there(outline) and outline.ends < STATIC_ENDS)
         and outline.visible >= STATIC_VISIBLE
     )

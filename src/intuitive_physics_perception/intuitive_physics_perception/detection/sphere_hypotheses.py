@@ -62,6 +62,10 @@ SMALLEST_CIRCLE = 0.4
 """Radius of a circle inside an outline, as a part of the largest one's, below which it is left out.
 Set by hand."""
 
+OUTLINE_PIXELS = 8192
+"""Pixels of an outline in which circles are looked for; of a larger one every second or third row
+and column are taken: bounds the time."""
+
 FEWEST_PIXELS = 2.5
 """Radius of a circle inside an outline in pixels at least: fewer readings make no sphere."""
 
@@ -218,6 +222,11 @@ def inscribed_spheres(
     from scipy.ndimage import binary_fill_holes, distance_transform_edt
 
     rows, columns = np.divmod(cluster, points.shape[1])
+    every = int(np.ceil(np.sqrt(len(cluster) / OUTLINE_PIXELS)))
+    if every > 1:
+        taken = (rows % every == 0) & (columns % every == 0)
+        cluster, rows, columns = cluster[taken], rows[taken] // every, columns[taken] // every
+        pixel *= every
     top, left = rows.min() - 1, columns.min() - 1
     mask = np.zeros((rows.max() - top + 2, columns.max() - left + 2), dtype=bool)
     mask[rows - top, columns - left] = True

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.kernels import allocating_entry
 from intuitive_physics_perception.detection.cluster_memory import (
     MOVEMENT,
@@ -35,7 +34,7 @@ from intuitive_physics_perception.detection.sphere_hypotheses import (
     SphereHypotheses,
 )
 from intuitive_physics_perception.detection.swept_sphere import passing_way
-from intuitive_physics_perception.environment.noise import RangeNoise
+from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.settings import PerceptionSettings
 
 ROUGHLY_SEEN = 0.5
@@ -120,23 +119,29 @@ class RecentFrames:
 
 
 class SphereFinder:
-    """Finds spheres in the foreground of frames."""
+    """Finds spheres in the foreground of frames.
+
+    `model`: the environment: what lies on one of its planes ends where that goes on.
+    """
 
     def __init__(
         self,
-        noise: RangeNoise,
+        model: EnvironmentModel,
         settings: PerceptionSettings,
         rng: np.random.Generator,
     ) -> None:
+        noise = model.noise
         self._settings = settings
         self._memory: ClusterMemory[None] = ClusterMemory(MOVEMENT * settings.min_radius, noise)
         self._lateral = noise.lateral
         self._fitter = SphereFitter(noise, settings, rng)
         self._hypotheses = SphereHypotheses(self._fitter, settings, rng)
+        self.look_from(model)
 
-    def look_from(self, pose: RigidTransform) -> None:
-        """Take the pose of the sensor in a frame that stands still."""
-        self._memory.look_from(pose)
+    def look_from(self, model: EnvironmentModel) -> None:
+        """Take the same environment as the sensor sees it now."""
+        self._memory.look_from(model.sensor_pose)
+        self._fitter.look_from(model)
 
     def find(
         self,

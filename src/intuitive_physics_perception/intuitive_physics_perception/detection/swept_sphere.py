@@ -90,11 +90,11 @@ class SweptView(ClusterView):
 
     def surroundings(
         self, sphere: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.uint8]]:
-        """Return readings (n, 3) m about a sphere (4,), moved, which are the cluster's (n,), and
-        their marks (n,)."""
-        points, own, marks = super().surroundings(self._with_way(sphere))
-        return self._moved(points), own, marks
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.uint8], int]:
+        """Return readings (n, 3) m about a sphere (4,), moved, which are the cluster's (n,), their
+        marks (n,), and how many each stands for."""
+        points, own, marks, each = super().surroundings(self._with_way(sphere))
+        return self._moved(points), own, marks, each
 
     def _with_way(self, sphere: NDArray[np.float64]) -> NDArray[np.float64]:
         """The sphere (4,), so large that it covers what moves onto it."""

@@ -67,7 +67,7 @@ def with_static_boxes(
     """
     frame = np.ascontiguousarray(fused_frame(frames, MAX_EDGE_POINTS), dtype=np.float32)
     clusters = ForegroundFinder(model, settings).find(frame)
-    objects = SphereFinder(model.noise, settings, rng)
+    objects = SphereFinder(model, settings, rng)
     points = frame.reshape(-1, 3)
     boxes: list[StaticBox] = []
     for indices in clusters.indices:

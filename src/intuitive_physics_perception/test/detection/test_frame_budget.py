@@ -50,7 +50,7 @@ def test_the_time_is_over_when_the_clock_says_so() -> None:
 
 def test_what_is_followed_is_found_when_the_time_is_over(frame) -> None:
     model, points, clusters, (near, _) = frame
-    finder = SphereFinder(model.noise, SETTINGS, np.random.default_rng(0))
+    finder = SphereFinder(model, SETTINGS, np.random.default_rng(0))
     budget = spent()
     found = centres(finder.find(points, clusters, 1, [Start(near)], budget))
     assert len(found) == 1
@@ -60,7 +60,7 @@ def test_what_is_followed_is_found_when_the_time_is_over(frame) -> None:
 
 def test_what_had_to_wait_is_found_in_the_next_frame(frame) -> None:
     model, points, clusters, places = frame
-    finder = SphereFinder(model.noise, SETTINGS, np.random.default_rng(0))
+    finder = SphereFinder(model, SETTINGS, np.random.default_rng(0))
     assert centres(finder.find(points, clusters, 1, budget=spent())) == []
     assert len(centres(finder.find(points, clusters, 1))) == len(places)
 

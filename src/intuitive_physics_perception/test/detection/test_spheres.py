@@ -34,7 +34,7 @@ def find(corner_model):
     """Spheres of a depth image of the corner, in the world."""
     room, model = corner_model
     foreground = ForegroundFinder(model, SETTINGS)
-    finder = SphereFinder(model.noise, SETTINGS, np.random.default_rng(4))
+    finder = SphereFinder(model, SETTINGS, np.random.default_rng(4))
     solids = SolidFinder(model, SETTINGS, np.random.default_rng(5))
 
     def spheres(balls=(), extra=(), as_cloud=False):
@@ -170,7 +170,7 @@ def test_a_known_radius_places_a_hidden_ball_better(corner_model, make_room, sha
         (KnownObject("small", 0.03, "wood"), KnownObject("large", 0.07, "foam")),
     ):
         settings = replace(SETTINGS, known_objects=objects)
-        finder = SphereFinder(model.noise, settings, np.random.default_rng(4))
+        finder = SphereFinder(model, settings, np.random.default_rng(4))
         misses = []
         for center, points in zip(centers, frames, strict=True):
             parts = finder.find(points, foreground.find(points))

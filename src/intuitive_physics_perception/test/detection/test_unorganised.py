@@ -88,7 +88,7 @@ def test_a_shuffled_cloud_has_the_ball_of_its_image(corner_model) -> None:
     spheres = []
     for points in (image, cloud):
         clusters = ForegroundFinder(model, SETTINGS).find(points)
-        finder = SphereFinder(model.noise, SETTINGS, np.random.default_rng(1))
+        finder = SphereFinder(model, SETTINGS, np.random.default_rng(1))
         ((sphere,),) = [part.spheres for part in finder.find(points, clusters) if part.spheres]
         spheres.append(sphere)
     assert clusters.foreground == pytest.approx(spheres[0].points, rel=0.3)

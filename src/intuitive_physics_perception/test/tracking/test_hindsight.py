@@ -108,7 +108,7 @@ def test_a_ball_beside_a_palm_is_found_where_it_is_expected(corner_model, shapes
     palm = shapes["box"](place - [0.0, RADIUS + 0.05, 0.0], (0.1, 0.1, 0.1), 0.0)
     arm = shapes["box"](place - [0.0, RADIUS + 0.05, 0.2], (0.06, 0.06, 0.3), 0.0)
     before = np.linalg.norm(room.points(), axis=2)
-    finder = SphereFinder(model.noise, SETTINGS, np.random.default_rng(4))
+    finder = SphereFinder(model, SETTINGS, np.random.default_rng(4))
     foreground = ForegroundFinder(model, SETTINGS, before)
     expected = Start(
         np.append(room.to_camera(place + [0.0, 0.01, -0.01]), RADIUS), size_is_known=True

@@ -1,4 +1,4 @@
-"""A camera that drives slowly past a ball at rest, with exact poses."""
+"""A camera that drives slowly past a ball that lies there from the start, with exact poses."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ ROOM = Environment(
         StaticBox("high", "box", (2.9, 0.65, 0.25), (0.0, 0.0, 0.0, 1.0), (0.2, 0.5, 0.5)),
     ),
 )
-SHOWN = 5  # frames with the ball before the camera drives
+SHOWN = 5  # frames between those that the environment is modelled from and the drive
 CAMERA = Camera.looking_at((0.0, 0.0, 1.2), (2.0, 0.0, 0.27))
 
 
@@ -101,9 +101,7 @@ def _frames(speed: float, rate: float, still: int) -> Iterator[tuple[Camera, NDA
         way = max(k + 1 - still, 0) * speed / rate
         camera = replace(CAMERA, position=CAMERA.position + np.array([0.0, way, 0.0]))
         renderer = DepthRenderer(camera, ROOM)
-        # It comes once the environment is modelled, as balls do.
-        seen = _with_ball(renderer) if k >= still - SHOWN else renderer.background
-        noisy = NoisyDepthCamera(seen, camera.focal_length, DepthNoise(), rng)
+        noisy = NoisyDepthCamera(_with_ball(renderer), camera.focal_length, DepthNoise(), rng)
         depth = 0.001 * noisy.read().astype(np.float32)
         depth[depth == 0.0] = np.nan
         yield camera, camera.rays().astype(np.float32) * depth[:, :, None]

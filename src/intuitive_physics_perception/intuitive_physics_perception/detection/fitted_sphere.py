@@ -429,11 +429,17 @@ class SphereFitter:
             return None
         bulge = bulge_of(seen.patches, spread, float(fit.sphere[3]))
         goes_on = float(np.mean(seen.going_on > 0.5))
-        seen_apart = goes_on, seen.level, seen.level_off_planes, seen.ends, visible, bulge
-        seen_apart = *seen_apart, self._is_carried(fit)
-        if not view.knows_before:
-            return Outline(None, None, *seen_apart)
-        return Outline(seen.new, seen.known, *seen_apart)
+        return Outline(
+            new=seen.new if view.knows_before else None,
+            known=seen.known if view.knows_before else None,
+            goes_on=goes_on,
+            level=seen.level,
+            level_off_planes=seen.level_off_planes,
+            ends=seen.ends,
+            visible=visible,
+            bulge=bulge,
+            is_carried=self._is_carried(fit),
+        )
 
     def _is_carried(self, fit: SphereFit) -> bool:
         """Whether a sphere lies on a plane that carries it: its height is its radius."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -50,6 +51,7 @@ def searches(node, may_end):
 
     def work(on_progress, stop):
         may_end.wait(PATIENCE)
+        return SimpleNamespace(learned=None)
 
     return RequestedSearches(
         node, lambda options: work, lambda learned: None, lambda: None, lambda learned: None

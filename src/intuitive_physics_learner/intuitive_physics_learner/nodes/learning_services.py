@@ -239,8 +239,10 @@ class RequestedSearches:
                     self._on_end(job.learned())
                     return history
                 if job.cancelled and math.isinf(waits_until):
-                    waits_until = time.monotonic() + CANCEL_PATIENCE
-                    _timer(CANCEL_PATIENCE, self._changed.set)
+                    # A node that ends has waited already, and answers no more soon after.
+                    patience = 0.0 if self._stopped else CANCEL_PATIENCE
+                    waits_until = time.monotonic() + patience
+                    _timer(patience, self._changed.set)
                 executor = self._node.executor
                 if time.monotonic() >= waits_until and executor is not None:
                     executor.create_task(self._ended_late(job))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -10,6 +11,7 @@ from intuitive_physics_msgs.msg import ResultCode
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from intuitive_physics_learner.errors import LearningCancelledError
 from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.nodes import learning_services
 from intuitive_physics_learner.nodes.learning_services import RequestedSearches
@@ -49,6 +51,7 @@ def searches(node, may_end):
 
     def work(on_progress, stop):
         may_end.wait(PATIENCE)
+        return SimpleNamespace(learned=None)
 
     return RequestedSearches(
         node, lambda options: work, lambda learned: None, lambda: None, lambda learned: None
@@ -98,3 +101,29 @@ def test_search_is_refused_at_once_while_another_runs(executor, searches) -> Non
     assert task.done()
     assert task.result().code == ResultCode.BUSY
     assert "a search runs already, at iteration 0; wait for its end" in str(task.result())
+
+
+def test_a_node_that_ends_answers_at_once_though_a_search_does_not_end(
+    node, executor, searches, may_end, monkeypatch
+) -> None:
+    """Its services are gone soon after."""
+    monkeypatch.setattr(learning_services, "CANCEL_PATIENCE", 3600.0)
+    node.declare_parameter(learning_services.DEADLINE, 3600.0)
+    job = started(executor, searches).result()
+
+    async def answered():
+        try:
+            return await searches._watched(job)
+        except LearningCancelledError as error:
+            return error
+
+    task = executor.create_task(answered)
+    executor.spin_once(timeout_sec=0.1)
+    searches.cancel("the node ends, so the search is cancelled")
+    assert not searches.stop(patience=0.0)
+    executor.spin_until_future_complete(task, PATIENCE)
+    assert "the node ends" in str(task.result())
+    may_end.set()
+    while not job.done:
+        executor.spin_once(timeout_sec=0.1)
+    executor.spin_once(timeout_sec=0.1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from intuitive_physics_perception.detection.cluster_view import ClusterView
 from intuitive_physics_perception.detection.detections import DetectedSphere, Outline, given_radius
 from intuitive_physics_perception.detection.sphere_fit import readings_beyond, refine_sphere
 from intuitive_physics_perception.detection.sphere_inspection import (
+    SECTORS,
     OutlineView,
     bulge_of,
     inspect_sphere,
@@ -30,6 +32,9 @@ from intuitive_physics_perception.detection.swept_sphere import (
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.settings import PerceptionSettings
+
+NO_SECTOR = np.zeros(SECTORS, dtype=bool)
+"""Marks of sectors of an outline: nothing touches it."""
 
 FITTED_POINTS = 1000
 """Points that a sphere is fitted to."""
@@ -219,6 +224,24 @@ class SphereFit:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class BegunFit:
+    """A sphere after the first of two fits.
+
+    Parameters
+    ----------
+    view, part, sweep : readings, as of a ball that rests, and its sweep
+    sphere : (4,) m, that the first fit found
+    scale : variance of the readings along their rays, in that assumed
+    """
+
+    view: ClusterView
+    part: Part
+    sweep: Sweep
+    sphere: NDArray[np.float64]
+    scale: float
+
+
 class SphereFitter:
     """Makes spheres of hypotheses.
 
@@ -258,38 +281,33 @@ class SphereFitter:
         `most_goes_on`: part of the ring round its outline in which the cluster may go on at most.
         """
         swept = self._swept(view, part, start)
-        if swept is None:
+        begun = None if swept is None else self._begun(*swept)
+        if begun is None:
             return None
-        followed = start.size_is_known
-        sphere = self._judged(
-            swept, most_goes_on, followed=followed, alone=followed, is_object=start.is_object
-        )
-        if sphere is None or followed:
+        if start.size_is_known:
+            return self._judged(begun, start, most_goes_on, self._touched(begun))
+        sphere = self._judged(begun, start, most_goes_on, NO_SECTOR)
+        if sphere is None or not (touched := self._touched(begun)).any():
             return sphere
         # What may be no ball is judged by all readings, but measured without those beside it.
-        return (
-            self._judged(swept, most_goes_on, followed=False, alone=True, is_object=start.is_object)
-            or sphere
-        )
+        return self._judged(begun, start, most_goes_on, touched) or sphere
 
     def _judged(
         self,
-        swept: tuple[ClusterView, Part, Sweep],
+        begun: BegunFit,
+        start: Start,
         most_goes_on: float,
-        *,
-        followed: bool,
-        alone: bool,
-        is_object: bool,
+        touched: NDArray[np.bool_],
     ) -> DetectedSphere | None:
-        """The sphere that fits the readings, or those alone that are not of what it touches; None
-        where it is no object."""
-        fit = self._refined(*swept, alone=alone)
+        """The sphere that fits the readings, but for those outside it in sectors in which something
+        touches it; None where it is no object."""
+        fit = self._refined(begun, touched)
         if fit is None:
             return None
         fit = fit.with_known_radius(self.known_radii, self._settings.known_object_tolerance)
-        if not self._is_plausible(fit, size_is_known=followed):
+        if not self._is_plausible(fit, size_is_known=start.size_is_known):
             return None
-        return self._inspected(swept[0], fit, most_goes_on, is_object=is_object)
+        return self._inspected(begun.view, fit, most_goes_on, is_object=start.is_object)
 
     def part(self, points: NDArray[np.float64]) -> Part:
         """Return as many of some points as a sphere is fitted to.
@@ -339,38 +357,63 @@ class SphereFitter:
         moved = Part(unswept(part.points, sweep.sphere, sweep.sweep), part.total)
         return SweptView(view, sweep.sphere, sweep.sweep), moved, sweep
 
-    def _refined(
-        self, view: ClusterView, part: Part, sweep: Sweep, *, alone: bool
-    ) -> SphereFit | None:
-        """Fit twice: the outline and the noise of the surface are known well only after the first
-        fit. Where the cluster goes on past the outline, as into a hand, there is no outline: what
-        lies outside of it there would draw the sphere to its side, and is left out if the sphere is
-        to be fitted `alone`."""
-        sphere = sweep.sphere
-        limits = self._settings.min_radius, self._settings.max_radius
+    def _begun(self, view: ClusterView, part: Part, sweep: Sweep) -> BegunFit | None:
+        """Fit a first time: the outline and the noise of the surface are known well only then;
+        None where nothing fits."""
+        fit = self._step(view, part, part.points, sweep.sphere, 1.0)
+        if fit is None:
+            return None
         shared = self._sharing * len(part.points) / part.total
-        # Readings that are no image share nothing with neighbours as a rule, and the edges that a
-        # scanner's beam smears weigh too much where the others weigh less.
-        sharing, growth, doubt = 0.0, 0.0, 1.0 + shared
-        if view.is_organised:
-            sharing, growth, doubt = shared, EDGE_GROWTH * view.pixel, 1.0
-        scale, noise, points = 1.0, self.noise, part.points
-        for first in (True, False):
-            around, _ = view.around(sphere)
-            beyond = readings_beyond(around, sphere, self.noise)
-            if alone and not first:
-                touched = touched_sectors(self._looked_round(view, sphere)[0])
-                points = points[~outside_in_sectors(points, sphere, touched)]
-            fit = refine_sphere(points, beyond, sphere, *limits, noise, sharing, growth)
-            if not fit.inliers or fit.misfit * scale > self._settings.max_misfit:
-                return None
-            sphere = fit.sphere
-            scale *= self._noise_scale(fit.misfit, fit.inliers / (1.0 + shared) - 4.0)
-            noise = self.noise * [scale, scale, scale, 1.0]
+        scale = self._noise_scale(fit.misfit, fit.inliers / (1.0 + shared) - 4.0)
+        return BegunFit(view, part, sweep, fit.sphere, scale)
+
+    def _touched(self, begun: BegunFit) -> NDArray[np.bool_]:
+        """Sectors (SECTORS,) of the outline in which the cluster goes on."""
+        return touched_sectors(self._looked_round(begun.view, begun.sphere)[0])
+
+    def _refined(self, begun: BegunFit, touched: NDArray[np.bool_]) -> SphereFit | None:
+        """Fit a second time. Where the cluster goes on past the outline, as into a hand, there is
+        no outline: what lies outside of it in such sectors would draw the sphere to its side, and
+        is left out."""
+        view, part, sweep, scale = begun.view, begun.part, begun.sweep, begun.scale
+        points = part.points
+        if touched.any():
+            points = points[~outside_in_sectors(points, begun.sphere, touched)]
+        fit = self._step(view, part, points, begun.sphere, scale)
+        if fit is None:
+            return None
+        shared = self._sharing * len(part.points) / part.total
+        scale *= self._noise_scale(fit.misfit, fit.inliers / (1.0 + shared) - 4.0)
         systematic = np.outer(fit.shift, fit.shift) + SYSTEMATIC_ERROR**2 * np.eye(4)
+        # The edges that a scanner's beam smears weigh too much where the others weigh less.
+        doubt = 1.0 if view.is_organised else 1.0 + shared
         doubt *= SWEPT_DOUBT if sweep.sweep.any() else 1.0
         covariance = doubt * fit.covariance + sweep.spread + systematic
-        return SphereFit(sphere, covariance, systematic, scale, sweep.sweep)
+        return SphereFit(fit.sphere, covariance, systematic, scale, sweep.sweep)
+
+    def _step(
+        self,
+        view: ClusterView,
+        part: Part,
+        points: NDArray[np.float64],
+        sphere: NDArray[np.float64],
+        scale: float,
+    ) -> Any:
+        """What `refine_sphere` makes of a sphere on points of a part, with the variance of their
+        noise in that assumed; None where it does not fit."""
+        limits = self._settings.min_radius, self._settings.max_radius
+        # Readings that are no image share nothing with neighbours as a rule.
+        sharing, growth = 0.0, 0.0
+        if view.is_organised:
+            sharing = self._sharing * len(part.points) / part.total
+            growth = EDGE_GROWTH * view.pixel
+        around, _ = view.around(sphere)
+        beyond = readings_beyond(around, sphere, self.noise)
+        noise = self.noise * [scale, scale, scale, 1.0]
+        fit = refine_sphere(points, beyond, sphere, *limits, noise, sharing, growth)
+        if not fit.inliers or fit.misfit * scale > self._settings.max_misfit:
+            return None
+        return fit
 
     def _noise_scale(self, misfit: float, freedom: float) -> float:
         """Factor by which the variance of a surface's readings differs from the assumed one, as

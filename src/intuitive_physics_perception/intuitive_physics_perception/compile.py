@@ -13,6 +13,7 @@ from intuitive_physics_perception.appearance.sphere_image import sphere_image
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
 from intuitive_physics_perception.detection.box_fit import find_faces
 from intuitive_physics_perception.detection.detections import DetectedSphere
+from intuitive_physics_perception.detection.sphere_inspection import SECTORS, outside_in_sectors
 from intuitive_physics_perception.detection.swept_sphere import fit_sweep, unswept
 from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.compressed import unpack_rvl
@@ -51,6 +52,8 @@ def warm_up() -> None:
     _look_from_elsewhere([_as_cloud(points, "<f4") for points in (frames[0], *frames)])
     _look_at_ball(frames[1])
     _fit_swept_ball(frames[1])
+    # Only what touches a ball calls it.
+    outside_in_sectors(_corner(), np.array([0.0, 0.0, 1.5, 0.2]), np.ones(SECTORS, dtype=bool))
     unpack_rvl(np.zeros(1, dtype="<u4"), 1)
     find_faces(_corner(), np.full(300, 1e-3), np.random.default_rng(0))
 

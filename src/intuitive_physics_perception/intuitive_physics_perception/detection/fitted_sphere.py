@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics_perception.detection.cluster_view import ClusterView
 from intuitive_physics_perception.detection.detections import DetectedSphere, Outline, given_radius
-from intuitive_physics_perception.detection.sphere_fit import readings_beyond, refine_sphere
+from intuitive_physics_perception.detection.sphere_fit import (
+    SphereSolution,
+    readings_beyond,
+    refine_sphere,
+)
 from intuitive_physics_perception.detection.sphere_inspection import (
     SECTORS,
     OutlineView,
@@ -264,8 +267,9 @@ class SphereFitter:
     def look_from(self, model: EnvironmentModel) -> None:
         """Take the planes that may carry a sphere, as the sensor sees them now."""
         up = model.rotation.T @ [0.0, 0.0, 1.0]
-        planes = [plane for plane in model.detected if plane.normal @ up >= CARRIER_COSINE]
-        carriers = [np.append(plane.normal, plane.offset) for plane in planes]
+        carriers = [
+            plane.numbers for plane in model.detected if plane.normal @ up >= CARRIER_COSINE
+        ]
         self._carriers = np.array(carriers).reshape(-1, 4)
 
     def fitted(
@@ -349,7 +353,7 @@ class SphereFitter:
             return view, part, at_rest
         if len(part.points) < self._settings.min_points:
             return None
-        deviation, sharing = start.sweep_deviation, self._sharing * len(part.points) / part.total
+        deviation, sharing = start.sweep_deviation, self._shared(part)
         sweep = fit_sweep(part.points, start.sphere, start.sweep, deviation, self.noise, sharing)
         length = float(np.linalg.norm(sweep.sweep))
         if not length <= self._settings.max_speed * self._settings.exposure:
@@ -360,12 +364,8 @@ class SphereFitter:
     def _begun(self, view: ClusterView, part: Part, sweep: Sweep) -> BegunFit | None:
         """Fit a first time: the outline and the noise of the surface are known well only then;
         None where nothing fits."""
-        fit = self._step(view, part, part.points, sweep.sphere, 1.0)
-        if fit is None:
-            return None
-        shared = self._sharing * len(part.points) / part.total
-        scale = self._noise_scale(fit.misfit, fit.inliers / (1.0 + shared) - 4.0)
-        return BegunFit(view, part, sweep, fit.sphere, scale)
+        step = self._step(view, part, part.points, sweep.sphere, 1.0)
+        return None if step is None else BegunFit(view, part, sweep, step[0].sphere, step[1])
 
     def _touched(self, begun: BegunFit) -> NDArray[np.bool_]:
         """Sectors (SECTORS,) of the outline in which the cluster goes on."""
@@ -375,18 +375,16 @@ class SphereFitter:
         """Fit a second time. Where the cluster goes on past the outline, as into a hand, there is
         no outline: what lies outside of it in such sectors would draw the sphere to its side, and
         is left out."""
-        view, part, sweep, scale = begun.view, begun.part, begun.sweep, begun.scale
-        points = part.points
+        view, part, sweep, points = begun.view, begun.part, begun.sweep, begun.part.points
         if touched.any():
             points = points[~outside_in_sectors(points, begun.sphere, touched)]
-        fit = self._step(view, part, points, begun.sphere, scale)
-        if fit is None:
+        step = self._step(view, part, points, begun.sphere, begun.scale)
+        if step is None:
             return None
-        shared = self._sharing * len(part.points) / part.total
-        scale *= self._noise_scale(fit.misfit, fit.inliers / (1.0 + shared) - 4.0)
+        fit, scale = step
         systematic = np.outer(fit.shift, fit.shift) + SYSTEMATIC_ERROR**2 * np.eye(4)
         # The edges that a scanner's beam smears weigh too much where the others weigh less.
-        doubt = 1.0 if view.is_organised else 1.0 + shared
+        doubt = 1.0 if view.is_organised else 1.0 + self._shared(part)
         doubt *= SWEPT_DOUBT if sweep.sweep.any() else 1.0
         covariance = doubt * fit.covariance + sweep.spread + systematic
         return SphereFit(fit.sphere, covariance, systematic, scale, sweep.sweep)
@@ -398,14 +396,14 @@ class SphereFitter:
         points: NDArray[np.float64],
         sphere: NDArray[np.float64],
         scale: float,
-    ) -> Any:
-        """What `refine_sphere` makes of a sphere on points of a part, with the variance of their
-        noise in that assumed; None where it does not fit."""
+    ) -> tuple[SphereSolution, float] | None:
+        """What `refine_sphere` makes of a sphere on points of a part, and the variance of their
+        noise in that assumed, as `scale` was before; None where it does not fit."""
         limits = self._settings.min_radius, self._settings.max_radius
         # Readings that are no image share nothing with neighbours as a rule.
         sharing, growth = 0.0, 0.0
         if view.is_organised:
-            sharing = self._sharing * len(part.points) / part.total
+            sharing = self._shared(part)
             growth = EDGE_GROWTH * view.pixel
         around, _ = view.around(sphere)
         beyond = readings_beyond(around, sphere, self.noise)
@@ -413,7 +411,12 @@ class SphereFitter:
         fit = refine_sphere(points, beyond, sphere, *limits, noise, sharing, growth)
         if not fit.inliers or fit.misfit * scale > self._settings.max_misfit:
             return None
-        return fit
+        freedom = fit.inliers / (1.0 + self._shared(part)) - 4.0
+        return fit, scale * self._noise_scale(fit.misfit, freedom)
+
+    def _shared(self, part: Part) -> float:
+        """How many others among the points of a part share the error of one along its ray."""
+        return self._sharing * len(part.points) / part.total
 
     def _noise_scale(self, misfit: float, freedom: float) -> float:
         """Factor by which the variance of a surface's readings differs from the assumed one, as

@@ -121,7 +121,7 @@ class RecentFrames:
 class SphereFinder:
     """Finds spheres in the foreground of frames.
 
-    `model`: the environment: what lies on one of its planes ends where that goes on.
+    `model`: the environment: a plane on which a sphere lies may go on round it.
     """
 
     def __init__(

@@ -30,7 +30,7 @@ from intuitive_physics_learner import ObservationStore, TrajectoryCost
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.stored_online_learning import StoredOnlineLearning
 
-SETS, QUICK_SETS = 3, 1  # random sets 1x50 of which all training observations come one by one
+SETS, QUICK_SETS = 10, 1  # random sets 1x50 of which all training observations come one by one
 QUICK_OBSERVATIONS = 6  # observations of a set with `--quick`
 STREAMS, QUICK_STREAMS = 3, 1  # random streams in which restitution falls
 SECONDS = 1.0  # CPU time that may be spent on-line on each observation; the node's default is more

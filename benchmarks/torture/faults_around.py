@@ -35,9 +35,9 @@ REST, SHORT_REST = 5.0, 2.0  # s from the end of starvation to the measurement o
 # MB by which the predictor may grow for a subscriber that takes nothing: its queue of 10 messages
 # of up to 6 MB
 SLOW_SUBSCRIBER_MEGABYTES = 60.0
-# s after which the rate counts beside a subscriber that was stopped. One that happens to hold a lock
-# in shared memory holds whoever writes to it for one second, and for another one in which Fast DDS
-# asks whether it lives: about one stop of 400, and 2 s without a prediction.
+# s after which the rate counts beside a subscriber that was stopped. About one stop of 400 is of a
+# subscriber that holds a lock in shared memory: who writes to it waits for a second, and for one
+# more in which Fast DDS asks whether it lives, and there are no predictions for 2 s.
 LOCKED = 5.0
 HOGS_A_CORE = 4  # processes that want each core, at the priority of the nodes
 LONGEST_HOG = 120.0  # s after which such a process is ended at the latest

@@ -344,7 +344,7 @@ class PerceptionPipeline:
                 return self._model_again(time, moved, self._forget_view(camera))
             clusters = eye.stages.clusters(points)
             eye.look_about(points, clusters)
-        budget = self._budget()
+        budget = self._budget(timer.seconds["planes"])
         with timer.stage("spheres"):
             spheres = eye.find_spheres(points, clusters, time, budget)
         with timer.stage("solids"):
@@ -367,7 +367,7 @@ class PerceptionPipeline:
                 scene.look_at_surfaces(
                     list(zip(objects_seen, detections, strict=True)), points, colors, time
                 )
-            eye.look_back()
+            eye.look_back(budget)
             objects = tuple(self._perceived(track, scene, time) for track in scene.tracker.tracks)
         with timer.stage("episodes"):
             episodes = scene.episodes.update(time, scene.tracker.tracks, ended)
@@ -402,11 +402,12 @@ class PerceptionPipeline:
             ),
         )
 
-    def _budget(self) -> FrameBudget:
-        """Return the time for hypotheses of a frame: a bounded one where frames go on meanwhile."""
+    def _budget(self, spent: float) -> FrameBudget:
+        """Return the time that is left for hypotheses in a frame on whose planes some, in s, was
+        spent: a bounded one where frames go on meanwhile."""
         if self._background is None:
             return FrameBudget()
-        return FrameBudget(1e-3 * self.settings.hypothesis_budget, self._clock)
+        return FrameBudget(1e-3 * self.settings.hypothesis_budget, self._clock, spent)
 
     def _perceived(self, track: Track, scene: ModelledScene, since: float) -> PerceivedObject:
         return PerceivedObject(

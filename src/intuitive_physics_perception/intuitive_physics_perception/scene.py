@@ -33,17 +33,16 @@ from intuitive_physics_perception.detection.spheres import (
 from intuitive_physics_perception.environment.environment_model import (
     MIN_POINTS,
     EnvironmentModel,
-    PlaneAgreement,
     is_organised,
     is_same_view,
     model_environment,
-    plane_agreement,
     revised_environment,
 )
 from intuitive_physics_perception.environment.fusion import fused_frame
 from intuitive_physics_perception.environment.gravity import MIN_TURN, FlightGravity
 from intuitive_physics_perception.environment.known_space import KnownSpace, View
-from intuitive_physics_perception.environment.range_cloud import RangeCloud, spacing_of
+from intuitive_physics_perception.environment.range_cloud import spacing_of
+from intuitive_physics_perception.environment.ray_planes import PlaneAgreement, RayPlanes
 from intuitive_physics_perception.environment.settled_view import GONE_TIME, SettledView
 from intuitive_physics_perception.environment.static_boxes import StaticBoxFilter, with_static_boxes
 from intuitive_physics_perception.settings import PerceptionSettings
@@ -99,6 +98,7 @@ class EnvironmentCheck:
     ) -> None:
         self._model = model
         self._settings = settings
+        self._planes = RayPlanes(model.detected, model.noise, settings)
         self._revised = revised
         self._since: float | None = None
 
@@ -142,15 +142,8 @@ class EnvironmentCheck:
         height, width = points.shape[:2]
         stride = max(1, int(np.sqrt(height * width / CHECKED_POINTS)))
         chosen = points[::stride, ::stride] if height > 1 else points[:, :: stride * stride]
-        readings = chosen.reshape(-1, 3)
-        ranges = np.linalg.norm(readings, axis=1)
-        # NaN compares false.
-        in_range = (ranges >= self._settings.min_range) & (ranges <= self._settings.max_range)
-        readings = readings[in_range]
-        if len(readings) < MIN_POINTS:
-            return self._model.agreement
-        cloud = RangeCloud(readings.astype(np.float64), self._model.noise, self._settings)
-        return plane_agreement(cloud, self._model.detected)
+        agreement = self._planes.agreement(np.ascontiguousarray(chosen).reshape(-1, 3))
+        return agreement if agreement.readings >= MIN_POINTS else self._model.agreement
 
 
 class Stages:
@@ -306,9 +299,9 @@ class ModelledScene:
             return
         job = [self.without_followed(points)], self.model.sensor_pose
         if self._background is not None:
-            self._looking = self._background.submit(self._space.view, *job)
+            self._looking = self._background.submit(self._space.filled, *job)
         else:
-            self._space.fill(self._space.view(*job))
+            self._space.fill(self._space.filled(*job))
 
     def find_spheres(
         self, points: NDArray[np.float32], clusters: Clusters, time: float, budget: FrameBudget
@@ -363,14 +356,15 @@ class ModelledScene:
         )
         return averaged.moved(self.model.rotation.T, self.model.to_sensor(np.zeros(3)))
 
-    def look_back(self) -> None:
-        """Search the newest frames for each ball where it was not seen, a few in each new frame.
+    def look_back(self, budget: FrameBudget) -> None:
+        """Search the newest frames for each ball where it was not seen, a few in each new frame,
+        and one where its budget is spent.
 
         Beside the hand that releases it a ball is not yet an object of its own, but it is found
         where it must have been.
         """
         for track in self.tracker.tracks:
-            for _ in range(HINDSIGHT_FRAMES):
+            for _ in range(1 if budget.is_spent else HINDSIGHT_FRAMES):
                 if track.earlier is not None and not self._searches_backwards(track):
                     self.tracker.take_earlier(track)
 

@@ -62,10 +62,8 @@ class ClusterView:
         Those in a cone round the sphere of an unorganised cloud, those in a window that holds the
         sphere's outline of an organised one.
         """
-        if not self.is_organised:
-            return self.points[0, self._cone(sphere)], 1
-        window, each = self._window(sphere)
-        return np.ascontiguousarray(self.points[window]).reshape(-1, 3), each
+        near, each = self._near(sphere)
+        return np.ascontiguousarray(self.points[near]).reshape(-1, 3), each
 
     @property
     def knows_before(self) -> bool:
@@ -77,18 +75,16 @@ class ClusterView:
     ) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.uint8], int]:
         """Return readings (n, 3) m about a sphere (4,), which of them (n,) are the cluster's,
         their marks (n,), 0 where nothing is known, and how many each stands for."""
+        near, each = self._near(sphere)
         in_cluster = np.zeros(self.points.shape[:2], dtype=bool)
         in_cluster.ravel()[self.cluster] = True
-        if self.is_organised:
-            window, each = self._window(sphere)
-            points = np.ascontiguousarray(self.points[window]).reshape(-1, 3)
-            own = in_cluster[window].ravel()
-            marks = None if self.marks is None else self.marks[window].ravel()
-        else:
-            near, each = self._cone(sphere), 1
-            points, own = self.points[0, near], in_cluster[0, near]
-            marks = None if self.marks is None else self.marks[0, near]
-        return points, own, np.zeros(len(points), np.uint8) if marks is None else marks, each
+        own = in_cluster[near].ravel()
+        marks = np.zeros(own.size, np.uint8) if self.marks is None else self.marks[near].ravel()
+        return np.ascontiguousarray(self.points[near]).reshape(-1, 3), own, marks, each
+
+    def _near(self, sphere: NDArray[np.float64]) -> tuple[tuple[Any, Any], int]:
+        """Rows and columns of what is about a sphere, and how many readings each stands for."""
+        return self._window(sphere) if self.is_organised else ((0, self._cone(sphere)), 1)
 
     def _window(self, sphere: NDArray[np.float64]) -> tuple[tuple[slice, slice], int]:
         """Rows and columns of an organised cloud that hold a sphere's outline and what is round

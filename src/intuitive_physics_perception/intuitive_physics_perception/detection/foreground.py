@@ -14,7 +14,7 @@ from intuitive_physics.kernels import allocating_entry, allocating_kernel, kerne
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.environment.known_space import KNOWN, NEW, UNKNOWN, KnownSpace
 from intuitive_physics_perception.environment.noise import CHANGE_SIGMAS, RangeNoise
-from intuitive_physics_perception.environment.planes import DetectedPlane
+from intuitive_physics_perception.environment.ray_planes import RayPlanes, limits_of
 from intuitive_physics_perception.settings import PerceptionSettings
 
 JUMP = 0.02
@@ -29,9 +29,6 @@ slanted across the lines their ranges differ, too. Set by hand."""
 
 CELLS_PER_GAP = 4.0
 """Cells along a gap in a cloud that is not organised; one reading stands for its cell."""
-
-ITERATIONS = 8
-"""Iterations of the contraction in `free_ranges`: numerical, the rest is far below a millimetre."""
 
 FINEST_CELLS = 1e4
 """Cells along a radian of direction, or a unit of the logarithm of range, at most: numerical, the
@@ -93,21 +90,9 @@ class ForegroundFinder:
         self._settings = settings
         self._space = space
         # A sensor that has come behind a plane sees nothing of it.
-        self._planes = [plane for plane in model.detected if plane.offset < 0.0]
-        self._noise = model.noise
-        noise = model.noise
-        # Single precision halves the time of a frame and is far below the noise.
-        self._limits = np.array(
-            [
-                settings.min_range**2,
-                settings.max_range**2,
-                noise.constant**2,
-                noise.quadratic**2,
-                noise.limit**2,
-            ],
-            dtype=np.float32,
-        )
-        self._bounds = _bounds_of(self._planes, settings)
+        planes = [plane for plane in model.detected if plane.offset < 0.0]
+        self._planes = RayPlanes(planes, model.noise, settings)
+        self._limits = limits_of(model.noise, settings)
         self._free = np.zeros((0, 0), dtype=np.float32)
         self._known = np.zeros((0, 0), dtype=bool)
         self._changes = None if before is None else changed_ranges(before, model.noise)
@@ -120,7 +105,7 @@ class ForegroundFinder:
 
     def before(self, points: NDArray[np.float32]) -> NDArray[np.int64]:
         """Return the indices of those of points (n, 3) m that lie before all planes."""
-        return readings_before(points, *self._bounds, self._limits, False)[0]
+        return self._planes.readings_before(points)[0]
 
     def find(self, points: NDArray[np.float32]) -> Clusters:
         """Cluster the foreground of a frame of points (height, width, 3)."""
@@ -135,7 +120,11 @@ class ForegroundFinder:
             shown = self._objects[groups.ravel()[self._objects] > 0]
             groups.ravel()[shown], fresh.ravel()[shown] = NEW, True
         indices = self._clusters(points, groups)
-        new = [is_known and bool(fresh.ravel()[cluster].mean() > 0.5) for cluster in indices]
+        flat = fresh.ravel()
+        new = [
+            is_known and 2 * int(np.count_nonzero(flat[cluster])) > len(cluster)
+            for cluster in indices
+        ]
         return Clusters(
             indices, new, int(np.count_nonzero(marks)), readings, marks if is_known else None
         )
@@ -154,7 +143,7 @@ class ForegroundFinder:
         """Marks (height, width) of readings with rays of their own; all KNOWN where nothing is
         known."""
         flat, space = points.reshape(-1, 3), self._space
-        before, readings = readings_before(flat, *self._bounds, self._limits, space is not None)
+        before, readings = self._planes.readings_before(flat, continued=space is not None)
         marks = np.zeros(len(flat), dtype=np.uint8)
         marks[before] = (
             KNOWN if space is None else space.marks(flat[before], self._model.sensor_pose)
@@ -183,8 +172,7 @@ class ForegroundFinder:
             self._known = np.zeros(points.shape[:2], dtype=bool)
         new = np.isfinite(points[:, :, 2]) & ~self._known
         if new.any():
-            free = free_ranges(points[new], self._planes, self._noise, self._settings)
-            self._free[new] = np.square(free)
+            self._free[new] = np.square(self._planes.free_ranges(points[new]))
             self._known |= new
         return self._free
 
@@ -205,229 +193,13 @@ class ForegroundFinder:
     def _unorganised_clusters(
         self, points: NDArray[np.float32], indices: NDArray[np.int64]
     ) -> list[NDArray[np.int64]]:
-        gap = max(self._settings.cluster_angle, LINES_APART * self._noise.between_lines)
+        gap = max(self._settings.cluster_angle, LINES_APART * self._model.noise.between_lines)
         labels = neighbour_labels(points[indices].astype(np.float64), gap)
         sizes = np.bincount(labels, minlength=1)
         largest_first = np.argsort(-sizes, kind="stable")
         return [
             indices[labels == k] for k in largest_first if sizes[k] >= self._settings.min_points
         ]
-
-
-def _bounds_of(
-    planes: Sequence[DetectedPlane], settings: PerceptionSettings
-) -> tuple[NDArray[Any], ...]:
-    """Arrays of planes for `readings_before`: normals, offsets and margins (n, 6), the half-planes
-    of their hulls (m, 4) as `DetectedPlane.hull_cones` has them, where those of each plane begin
-    (n + 1,); cells of openings (k,), coordinates (n, 8) and shapes (n, 3) as in `_openings_of`;
-    reliefs (n, 14) as in `_relief_of`."""
-    cones = [np.zeros((0, 4)), *(plane.hull_cones for plane in planes)]
-    starts = np.cumsum([0, *(len(cone) for cone in cones[1:])])
-    numbers = [
-        [*plane.numbers, settings.plane_sigmas**2, settings.plane_tolerance**2] for plane in planes
-    ]
-    return (
-        np.array(numbers, dtype=np.float32).reshape(-1, 6),
-        np.concatenate(cones).astype(np.float32),
-        starts.astype(np.int64),
-        *_openings_of(planes),
-        np.array([_relief_of(plane) for plane in planes], dtype=np.float32).reshape(-1, 14),
-    )
-
-
-def _relief_of(plane: DetectedPlane) -> NDArray[np.float64]:
-    """Relief of a plane (14,): its two axes, the origin along them, and the coefficients."""
-    if (relief := plane.relief) is None:
-        return np.zeros(14)
-    return np.concatenate([relief.axes.T.ravel(), relief.origin @ relief.axes, relief.coefficients])
-
-
-def _openings_of(
-    planes: Sequence[DetectedPlane],
-) -> tuple[NDArray[np.bool_], NDArray[np.float32], NDArray[np.int64]]:
-    """Open cells of all planes in a row (k,); per plane the axes in cells and the first cell's
-    corner along them (n, 8); and its first cell in the row with the numbers of rows and columns
-    (n, 3), zero without an opening."""
-    cells, grids = [np.zeros(0, dtype=bool)], np.zeros((len(planes), 8))
-    shapes = np.zeros((len(planes), 3), dtype=np.int64)
-    for k, plane in enumerate(planes):
-        if (mask := plane.openings) is not None:
-            axes = mask.axes.T / mask.cell
-            grids[k] = [*axes.ravel(), *(axes @ mask.origin)]
-            shapes[k] = sum(map(len, cells)), *mask.clear.shape
-            cells.append(mask.clear.ravel())
-    return np.concatenate(cells), grids.astype(np.float32), shapes
-
-
-@allocating_entry
-def readings_before(
-    points: Any,
-    planes: Any,
-    cones: Any,
-    starts: Any,
-    cells: Any,
-    grids: Any,
-    shapes: Any,
-    reliefs: Any,
-    limits: Any,
-    continued: bool,
-) -> tuple[Any, int]:
-    """Return the indices of readings in range that lie before all planes, as `free_ranges` has it,
-    and the number of readings in range.
-
-    `continued`: leave out what lies on a plane beyond its hull, too, as a sensor that has moved
-    sees more of a wall.
-
-    A reading lies before a plane where its distance exceeds the margin at its own range: the margin
-    grows with range, and the distance falls. A ray is in a plane's hull where it is in the
-    half-space of each of its sides, and on the plane where it meets it in no open cell.
-
-    `points` (n, 3) float32 m, may hold NaN; `planes` (m, 6) float32, normal, offset in m, squared
-    `plane_sigmas`, squared tolerance in m²; `cones` (k, 4) float32, normals and bounds of
-    half-spaces of unit directions; `starts` (m + 1,) where each plane's cones begin; `cells` (j,)
-    bool, `grids` (m, 8) float32 and `shapes` (m, 3) as in `_openings_of`; `reliefs` (m, 14) float32
-    as in `_relief_of`; `limits` (5,) float32, as in `ForegroundFinder`.
-    """
-    size = 256
-    kept = np.empty(points.shape[0], dtype=np.int64)
-    count = readings = 0
-    rays = np.empty((5, size), dtype=np.float32)
-    x, y, z, ranges, variances = rays
-    rises, away = np.empty((2, size), dtype=np.float32)
-    numbers = np.empty(size, dtype=np.int64)
-    inside = np.empty(size, dtype=np.bool_)
-    for first in range(0, points.shape[0], size):
-        n = 0
-        for i in range(first, min(first + size, points.shape[0])):
-            px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-            range2 = px * px + py * py + pz * pz
-            # NaN compares false with everything.
-            if limits[0] <= range2 <= limits[1]:
-                length = np.sqrt(range2)
-                x[n], y[n], z[n], ranges[n] = px / length, py / length, pz / length, length
-                variances[n] = min(limits[2] + limits[3] * range2 * range2, limits[4])
-                numbers[n] = i
-                n += 1
-        readings += n
-        for k in range(planes.shape[0]):
-            a, b, c, offset = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
-            sigmas2, tolerance2 = planes[k, 4], planes[k, 5]
-            reached = 0
-            _rise(rises, x, y, z, ranges, n, reliefs[k])
-            for i in range(n):
-                cosine = -(x[i] * a + y[i] * b + z[i] * c)
-                distance = -offset - ranges[i] * cosine - rises[i]
-                margin2 = sigmas2 * variances[i] * cosine * cosine + tolerance2
-                ahead = (distance > 0.0) & (distance * distance > margin2)
-                inside[i] = (cosine > 1e-6) & ~ahead
-                reached += inside[i]
-                away[i] = distance
-            if reached > 0:
-                for j in range(starts[k], starts[k + 1]):
-                    a, b, c, bound = cones[j, 0], cones[j, 1], cones[j, 2], cones[j, 3]
-                    for i in range(n):
-                        inside[i] &= x[i] * a + y[i] * b + z[i] * c <= bound
-                _leave_openings(inside, x, y, z, n, planes[k], cells, grids[k], shapes[k])
-            if continued:
-                for i in range(n):
-                    inside[i] |= away[i] * away[i] <= sigmas2 * variances[i] + tolerance2
-            elif reached == 0:
-                continue
-            n = _keep_outside(inside, rays, numbers, n)
-        kept[count : count + n] = numbers[:n]
-        count += n
-    return kept[:count].copy(), readings
-
-
-@kernel
-def _keep_outside(inside: Any, rays: Any, numbers: Any, n: int) -> int:
-    """Move those of n rays (5, size), with their numbers (size,), that are not inside to the front,
-    in their order; return how many they are."""
-    left = 0
-    for i in range(n):
-        if not inside[i]:
-            for row in range(rays.shape[0]):
-                rays[row, left] = rays[row, i]
-            numbers[left] = numbers[i]
-            left += 1
-    return left
-
-
-@kernel
-def _rise(rises: Any, x: Any, y: Any, z: Any, ranges: Any, n: int, relief: Any) -> None:
-    """Set the heights (n,) m of a surface over its plane where n readings at (n,) ranges along
-    (x, y, z) stand over it, as `PlaneRelief.heights` has it."""
-    rises[:n] = 0.0
-    if _is_flat(relief):
-        return
-    for i in range(n):
-        rises[i] = _height(ranges[i] * x[i], ranges[i] * y[i], ranges[i] * z[i], relief)
-
-
-@kernel
-def _is_flat(relief: Any) -> bool:
-    return relief[0] == 0.0 and relief[1] == 0.0 and relief[2] == 0.0
-
-
-@kernel
-def _height(x: Any, y: Any, z: Any, relief: Any) -> Any:
-    """Height in m of a surface over its plane where a reading stands over it."""
-    a = min(max(x * relief[0] + y * relief[1] + z * relief[2] - relief[6], -1.0), 1.0)
-    b = min(max(x * relief[3] + y * relief[4] + z * relief[5] - relief[7], -1.0), 1.0)
-    flat = relief[8] + relief[9] * a + relief[10] * b
-    return flat + relief[11] * a * a + relief[12] * a * b + relief[13] * b * b
-
-
-@kernel
-def _leave_openings(
-    inside: Any, x: Any, y: Any, z: Any, n: int, plane: Any, cells: Any, grid: Any, shape: Any
-) -> None:
-    """Unmark those of n rays along (x, y, z) that meet a plane in an open cell; its openings are as
-    in `_openings_of`."""
-    first, rows, columns = shape
-    if rows == 0:
-        return
-    for i in range(n):
-        if not inside[i]:
-            continue
-        far = plane[3] / (x[i] * plane[0] + y[i] * plane[1] + z[i] * plane[2])
-        row = int(np.floor(far * (x[i] * grid[0] + y[i] * grid[1] + z[i] * grid[2]) - grid[6]))
-        column = int(np.floor(far * (x[i] * grid[3] + y[i] * grid[4] + z[i] * grid[5]) - grid[7]))
-        if 0 <= row < rows and 0 <= column < columns:
-            inside[i] = not cells[first + row * columns + column]
-
-
-def free_ranges(
-    directions: NDArray[np.float32],
-    planes: Sequence[DetectedPlane],
-    noise: RangeNoise,
-    settings: PerceptionSettings,
-) -> NDArray[np.float32]:
-    """Range up to which a reading along each ray lies off and before all planes, (n,) m.
-
-    The reading at range ρ of a ray that meets a plane at an angle of cosine c, inside the plane's
-    hull, lies before it when its distance exceeds √((s σ(ρ) c)² + t²): s deviations of the noise
-    and the unevenness t.
-
-    `directions` (n, 3) of any length, from the sensor.
-    """
-    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    free = np.full(len(unit), settings.max_range, dtype=np.float32)
-    for plane in planes:
-        cosine = -(unit @ plane.normal.astype(unit.dtype))
-        meets = np.flatnonzero(cosine > 1e-6)
-        cosine = cosine[meets]
-        inside = plane.covers(unit[meets] * (-plane.offset / cosine)[:, None])
-        meets, cosine = meets[inside], cosine[inside]
-        begins = -plane.offset / cosine
-        # A contraction: what the noise lets pass grows far slower with range than the distance.
-        for _ in range(ITERATIONS):
-            spread = settings.plane_sigmas * noise.deviation(begins) * cosine
-            margin = np.hypot(spread, settings.plane_tolerance)
-            surface = plane.heights(unit[meets] * begins[:, None])
-            begins = np.maximum((-plane.offset - surface - margin) / cosine, 0.0)
-        free[meets] = np.minimum(free[meets], begins)
-    return free
 
 
 def changed_ranges(before: NDArray[np.float32], noise: RangeNoise) -> NDArray[np.float32]:
@@ -471,8 +243,6 @@ def neighbour_labels(points: NDArray[np.float64], gap: float) -> NDArray[np.int6
 
     `points` (n, 3) m, the sensor at the origin; `gap` in rad.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
 
     if not len(points):
@@ -486,11 +256,30 @@ def neighbour_labels(points: NDArray[np.float64], gap: float) -> NDArray[np.int6
     keys = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
     _, first, cell_of = np.unique(keys, return_index=True, return_inverse=True)
     pairs = KDTree(mapped[first]).query_pairs(gap, output_type="ndarray")
-    graph = coo_array(
-        (np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])),
-        shape=(first.size, first.size),
-    )
-    return connected_components(graph, directed=False)[1][cell_of.ravel()].astype(np.int64)
+    return np.asarray(labels_of(pairs, first.size)[cell_of.ravel()])
+
+
+@allocating_entry
+def labels_of(pairs: Any, count: int) -> Any:
+    """Label (n,) of each of so many nodes: 0, 1, … by the part of the graph that it is in.
+
+    `pairs` (m, 2) int64 of nodes that hang together.
+    """
+    parent = np.arange(count)
+    for k in range(pairs.shape[0]):
+        one, other = _root(parent, pairs[k, 0]), _root(parent, pairs[k, 1])
+        parent[max(one, other)] = min(one, other)
+    labels = np.empty(count, dtype=np.int64)
+    found = 0
+    for i in range(count):
+        root = _root(parent, i)
+        # The root is the first of its part.
+        if root == i:
+            labels[i] = found
+            found += 1
+        else:
+            labels[i] = labels[root]
+    return labels
 
 
 @allocating_entry

@@ -204,8 +204,8 @@ def outline_sphere(points: NDArray[np.float64]) -> NDArray[np.float64]:
     axis = 0.5 * (low + high)
     axis /= np.linalg.norm(axis)
     sines = np.linalg.norm(np.cross(directions, axis), axis=1)
-    sine = float(np.quantile(sines, OUTLINE_QUANTILE))
-    return _sphere(axis, sine, float(np.quantile(ranges, NEAREST_QUANTILE)))
+    sine = _quantile(sines, OUTLINE_QUANTILE)
+    return _sphere(axis, sine, _quantile(ranges, NEAREST_QUANTILE))
 
 
 def inscribed_spheres(
@@ -243,12 +243,20 @@ def inscribed_spheres(
         away2 = np.square(rows - rows[middle]) + np.square(columns - columns[middle])
         inside = away2 < circle * circle
         free &= ~inside
-        nearest = float(np.quantile(ranges[inside], NEAREST_QUANTILE))
+        nearest = _quantile(ranges[inside], NEAREST_QUANTILE)
         # The distance to the first pixel outside is half a pixel too long.
         spheres.append(
             _sphere(readings[middle] / ranges[middle], np.sin((circle - 0.5) * pixel), nearest)
         )
     return spheres
+
+
+def _quantile(values: NDArray[np.float64], part: float) -> float:
+    """What `np.quantile` returns, in a tenth of its time for some hundred values (n,)."""
+    ordered = np.sort(values)
+    at = part * (len(ordered) - 1)
+    below, above = ordered[int(at)], ordered[min(int(at) + 1, len(ordered) - 1)]
+    return float(below + (at - int(at)) * (above - below))
 
 
 def _sphere(axis: NDArray[np.float64], sine: float, nearest: float) -> NDArray[np.float64]:
@@ -304,7 +312,7 @@ def spheres_of_radius(
     `points` (n, 3) m, of the cluster; `radii` in m.
     """
     ranges = np.linalg.norm(points, axis=1)
-    near = points[ranges <= np.quantile(ranges, 0.2)].mean(axis=0)
+    near = points[ranges <= _quantile(ranges, 0.2)].mean(axis=0)
     distance = float(np.linalg.norm(near))
     return [np.append(near * (1.0 + radius / distance), radius) for radius in radii]
 

@@ -22,11 +22,8 @@ from intuitive_physics_perception.environment.range_cloud import (
     angle_between_lines,
     angle_between_readings,
 )
+from intuitive_physics_perception.environment.ray_planes import PlaneAgreement, RayPlanes
 from intuitive_physics_perception.settings import PerceptionSettings
-
-HIDING_DEPTH = 0.1
-"""Distance before a plane from which on a reading hides it, m: what is nearer to the plane
-contradicts it."""
 
 MIN_POINTS = 50
 """Points in range that the first frames, or the part of a later frame that is checked, must have:
@@ -43,25 +40,6 @@ perceived well are about as far."""
 
 class NoEnvironmentError(IntuitivePhysicsError):
     """The frames show no plane that could support anything."""
-
-
-@dataclass(frozen=True)
-class PlaneAgreement:
-    """Agreement of readings with the planes of an environment.
-
-    A reading hides a plane when it lies before it by more than `HIDING_DEPTH`.
-
-    Parameters
-    ----------
-    explained : part of the readings that hide no plane which lie on one
-    visible : part of all readings that hide no plane
-    support : part of the readings where the support should be, and nothing hides it, which lie on
-        it; 1 where all is hidden
-    """
-
-    explained: float
-    visible: float
-    support: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +218,7 @@ def model_environment(
         gravity=(0.0, 0.0, -settings.gravity),
         frame_id=settings.environment_frame_id,
     )
-    agreement = plane_agreement(RangeCloud(points, noise, settings), planes)
+    agreement = RayPlanes(planes, noise, settings).agreement(points.astype(np.float32))
     return EnvironmentModel(
         environment=environment,
         detected=tuple(planes),
@@ -286,7 +264,7 @@ def revised_environment(
         planes=_placed(planes, names, model.rotation, model.translation, settings),
         boxes=(),
     )
-    agreement = plane_agreement(RangeCloud(points, model.noise, settings), planes)
+    agreement = RayPlanes(planes, model.noise, settings).agreement(points.astype(np.float32))
     return replace(model, environment=environment, detected=tuple(planes), agreement=agreement)
 
 
@@ -348,25 +326,6 @@ def _placed(
         for plane, name in zip(planes, names, strict=True)
         for k, sheet in enumerate(plane.sheets)
     )
-
-
-def plane_agreement(cloud: RangeCloud, planes: Sequence[DetectedPlane]) -> PlaneAgreement:
-    """Return how well readings agree with planes."""
-    on, hides = np.zeros(len(cloud.points), dtype=bool), np.zeros(len(cloud.points), dtype=bool)
-    support = 1.0
-    for k, plane in enumerate(planes):
-        near = np.abs(plane.scaled_distances(cloud)) < 1.0
-        on |= near
-        along = cloud.points @ plane.normal
-        meeting = np.flatnonzero(along < 0.0)
-        feet = cloud.points[meeting] * (plane.offset / along[meeting])[:, None]
-        meeting = meeting[plane.covers(feet)]
-        before = along[meeting] - plane.offset > HIDING_DEPTH
-        hides[meeting[before]] = True
-        if k == 0 and not before.all():
-            support = float(near[meeting[~before]].mean())
-    visible = on | ~hides
-    return PlaneAgreement(float(on.sum() / max(visible.sum(), 1)), float(visible.mean()), support)
 
 
 def _upward(

@@ -48,6 +48,13 @@ def test_the_time_is_over_when_the_clock_says_so() -> None:
     assert not FrameBudget().is_spent
 
 
+@pytest.mark.parametrize(("before", "left"), [(0.0, 10), (3.0, 7), (30.0, 5)])
+def test_what_was_spent_before_counts_but_half_is_left_in_any_case(before, left) -> None:
+    ticks = itertools.count()
+    budget = FrameBudget(10.0, lambda: float(next(ticks)), before)
+    assert sum(not budget.is_spent for _ in range(20)) == left - 1
+
+
 def test_what_is_followed_is_found_when_the_time_is_over(frame) -> None:
     model, points, clusters, (near, _) = frame
     finder = SphereFinder(model, SETTINGS, np.random.default_rng(0))
@@ -76,7 +83,7 @@ def test_a_solid_that_has_to_wait_stays_what_it_was(corner_model) -> None:
 
 
 def test_a_thrown_ball_is_followed_where_each_frame_has_next_to_no_time(make_room) -> None:
-    # Each look at the clock takes 4 ms, so a frame's time is over after three clusters.
+    # Each look at the clock takes 3 ms, and the planes: time is over after three clusters.
     ticks = itertools.count()
     room = make_room()
     clutter = tuple(
@@ -88,7 +95,7 @@ def test_a_thrown_ball_is_followed_where_each_frame_has_next_to_no_time(make_roo
         pipeline = PerceptionPipeline(
             PerceptionSettings(environment_frames=3),
             np.random.default_rng(0),
-            clock=lambda: 0.004 * next(ticks),
+            clock=lambda: 0.003 * next(ticks),
             background=background,
         )
         for k in range(3):

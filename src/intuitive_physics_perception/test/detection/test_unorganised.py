@@ -11,11 +11,11 @@ from intuitive_physics_perception.detection.cluster_view import readings_in_cone
 from intuitive_physics_perception.detection.foreground import (
     LINES_APART,
     ForegroundFinder,
-    free_ranges,
     neighbour_labels,
 )
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.range_cloud import angle_between_lines
+from intuitive_physics_perception.environment.ray_planes import RayPlanes
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SETTINGS = PerceptionSettings()
@@ -34,7 +34,8 @@ def test_what_lies_before_planes_is_what_no_pixel_has_behind_its_free_range(
     read = np.flatnonzero(np.isfinite(points[:, 2]))
     ranges = np.linalg.norm(points[read].astype(np.float64), axis=1)
     in_range = (ranges >= SETTINGS.min_range) & (ranges <= SETTINGS.max_range)
-    free = free_ranges(points[read], model.detected, model.noise, SETTINGS)
+    planes = RayPlanes(model.detected, model.noise, SETTINGS)
+    free = planes.free_ranges(points[read])
     assert clusters.readings == in_range.sum()
     # Single precision decides otherwise within a part in 100,000 of a metre, or at an outline.
     unsure = np.abs(ranges - free) < 1e-4

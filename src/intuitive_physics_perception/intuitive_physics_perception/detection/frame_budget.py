@@ -6,7 +6,7 @@ from collections.abc import Callable
 from math import inf
 from time import perf_counter
 
-LEAST_LEFT = 0.5
+LEAST_LEFT = 0.4
 """Part of the budget that hypotheses have whatever was spent before: on a slow machine new objects
 are still found."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,11 @@ class View:
     way: RigidTransform
     nearest: NDArray[np.float32]
     farthest: NDArray[np.float32]
+
+    @cached_property
+    def turn(self) -> NDArray[np.float64]:
+        """Rotation (3, 3) of the way."""
+        return self.way.matrix
 
 
 class KnownSpace:
@@ -128,9 +134,10 @@ class KnownSpace:
         `readings` (n, 3) m in the sensor's frame; `pose`: of the sensor.
         """
         marks = np.full(len(readings), UNKNOWN, dtype=np.uint8)
+        turned, shifted = pose.matrix, pose.translation
         for view in reversed(self._views):
-            way = view.way.after(pose)
-            turn, shift = way.matrix.astype(np.float32), way.translation.astype(np.float32)
+            turn = (view.turn @ turned).astype(np.float32)
+            shift = (view.turn @ shifted + view.way.translation).astype(np.float32)
             _judge(readings, turn, shift, view.nearest, view.farthest, self._noise, marks)
         return marks
 

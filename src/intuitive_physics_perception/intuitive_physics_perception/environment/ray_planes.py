@@ -74,7 +74,7 @@ class RayPlanes:
         `points` (n, 3) m, may hold NaN; `continued`: leave out what lies on a plane beyond its
         hull, too, as a sensor that has moved sees more of a wall.
         """
-        indices, readings = _readings_before(points, *self._arrays, continued)
+        indices, readings = _readings_before(points, self._arrays, continued)
         return indices, readings
 
     def free_ranges(self, directions: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -87,14 +87,14 @@ class RayPlanes:
 
         `directions` (n, 3) of any length, from the sensor.
         """
-        return np.asarray(_free_ranges(directions, *self._arrays))
+        return np.asarray(_free_ranges(directions, self._arrays))
 
     def agreement(self, points: NDArray[np.float32]) -> PlaneAgreement:
         """Return how well readings agree with the planes.
 
         `points` (n, 3) m, may hold NaN.
         """
-        readings, on, visible, met, on_first = _agreement(points, *self._arrays)
+        readings, on, visible, met, on_first = _agreement(points, self._arrays)
         return PlaneAgreement(
             readings,
             explained=on / max(visible, 1),
@@ -158,23 +158,13 @@ def _openings_of(
 
 
 @allocating_entry
-def _readings_before(
-    points: Any,
-    planes: Any,
-    cones: Any,
-    starts: Any,
-    cells: Any,
-    grids: Any,
-    shapes: Any,
-    reliefs: Any,
-    limits: Any,
-    continued: bool,
-) -> tuple[Any, int]:
-    """As `RayPlanes.readings_before`, with the arrays of `_bounds_of` and `limits_of`.
+def _readings_before(points: Any, arrays: Any, continued: bool) -> tuple[Any, int]:
+    """As `RayPlanes.readings_before`, with `arrays` of `_bounds_of` and `limits_of`.
 
     A reading lies before a plane where its distance exceeds the margin at its own range: the margin
     grows with range, and the distance falls.
     """
+    planes, cones, starts, cells, grids, shapes, reliefs, limits = arrays
     kept = np.empty(points.shape[0], dtype=np.int64)
     count = readings = 0
     rays = np.empty((6, BLOCK), dtype=np.float32)
@@ -336,18 +326,9 @@ def _meets(
 
 
 @allocating_entry
-def _free_ranges(
-    directions: Any,
-    planes: Any,
-    cones: Any,
-    starts: Any,
-    cells: Any,
-    grids: Any,
-    shapes: Any,
-    reliefs: Any,
-    limits: Any,
-) -> Any:
-    """As `RayPlanes.free_ranges`, with the arrays of `_bounds_of` and `limits_of`."""
+def _free_ranges(directions: Any, arrays: Any) -> Any:
+    """As `RayPlanes.free_ranges`, with `arrays` of `_bounds_of` and `limits_of`."""
+    planes, cones, starts, cells, grids, shapes, reliefs, limits = arrays
     free = np.full(directions.shape[0], np.sqrt(limits[1]), dtype=np.float32)
     for i in range(directions.shape[0]):
         x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
@@ -375,22 +356,13 @@ def _free_ranges(
 
 
 @entry
-def _agreement(
-    points: Any,
-    planes: Any,
-    cones: Any,
-    starts: Any,
-    cells: Any,
-    grids: Any,
-    shapes: Any,
-    reliefs: Any,
-    limits: Any,
-) -> tuple[int, int, int, int, int]:
+def _agreement(points: Any, arrays: Any) -> tuple[int, int, int, int, int]:
     """Return the numbers of readings in range, of those on a plane, of those that do not only hide
     planes, and of those whose rays meet the first plane where nothing hides it and that are on it.
 
-    Arrays of `_bounds_of` and `limits_of`.
+    `arrays`: of `_bounds_of` and `limits_of`.
     """
+    planes, cones, starts, cells, grids, shapes, reliefs, limits = arrays
     readings = on = visible = met = on_first = 0
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]

@@ -104,7 +104,7 @@ class KnownSpace:
         """Return the view from a place with what frames show that it did not, if there is one: a
         scanner whose pattern does not repeat fills it frame after frame.
 
-        `clouds` and `pose` as in `view`.
+        `clouds` (height, width, 3) m each, and `pose` of the sensor, as in `view`.
         """
         view = self.view(clouds, pose)
         k = self._from_place(view)

@@ -68,8 +68,8 @@ class RayPlanes:
     def readings_before(
         self, points: NDArray[np.float32], *, continued: bool = False
     ) -> tuple[NDArray[np.int64], int]:
-        """Return the indices of readings in range that lie before all planes, as `free_ranges` has
-        it, and the number of readings in range.
+        """Return the indices (m,) of readings in range that lie before all planes, as `free_ranges`
+        has it, and the number of readings in range.
 
         `points` (n, 3) m, may hold NaN; `continued`: leave out what lies on a plane beyond its
         hull, too, as a sensor that has moved sees more of a wall.

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.kernels.warm_up import WarmUp
+from intuitive_physics.scene import StaticBox
 from intuitive_physics_perception.appearance.sphere_image import sphere_image
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
 from intuitive_physics_perception.detection.box_fit import find_faces
 from intuitive_physics_perception.detection.detections import DetectedSphere
+from intuitive_physics_perception.detection.foreground import ForegroundFinder
 from intuitive_physics_perception.detection.sphere_inspection import SECTORS, outside_in_sectors
 from intuitive_physics_perception.detection.swept_sphere import fit_sweep, unswept
+from intuitive_physics_perception.environment.environment_model import EnvironmentModel
+from intuitive_physics_perception.environment.static_boxes import StaticBoxFilter
 from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.compressed import unpack_rvl
 from intuitive_physics_perception.input.depth import points_from_depth
@@ -48,6 +53,8 @@ def warm_up() -> None:
     clouds = [_as_cloud(frames[1], "<f4"), _as_cloud(frames[1], "<f8")]
     for k, points in enumerate([*frames[:2], *frames[1:], *clouds]):
         pipeline.process(points, 0.1 * k)
+    if pipeline.model is not None:
+        _leave_out_box(pipeline.model, frames[1])
     _look_from_elsewhere([*frames[:2], *frames[1:]])
     _look_from_elsewhere([_as_cloud(points, "<f4") for points in (frames[0], *frames)])
     _look_at_ball(frames[1])
@@ -56,6 +63,15 @@ def warm_up() -> None:
     outside_in_sectors(_corner(), np.array([0.0, 0.0, 1.5, 0.2]), np.ones(SECTORS, dtype=bool))
     unpack_rvl(np.zeros(1, dtype="<u4"), 1)
     find_faces(_corner(), np.full(300, 1e-3), np.random.default_rng(0))
+
+
+def _leave_out_box(model: EnvironmentModel, points: NDArray[np.float32]) -> None:
+    """Perceive a frame of an environment with a static box."""
+    box = StaticBox("box", "box", np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.ones(3))
+    with_box = replace(model, environment=replace(model.environment, boxes=(box,)))
+    settings = PerceptionSettings()
+    clusters = ForegroundFinder(model, settings).find(points)
+    StaticBoxFilter(with_box, settings).without(points, clusters)
 
 
 def _look_from_elsewhere(frames: Sequence[NDArray[np.float32]]) -> None:

@@ -293,7 +293,7 @@ def _is_flat(relief: Any) -> bool:
 
 @kernel
 def _height(x: Any, y: Any, z: Any, relief: Any) -> Any:
-    """Height in m of a surface over its plane where a reading stands over it."""
+    """Height in m of a surface over its plane where a reading stands over it; 0 if it is flat."""
     a = min(max(x * relief[0] + y * relief[1] + z * relief[2] - relief[6], -1.0), 1.0)
     b = min(max(x * relief[3] + y * relief[4] + z * relief[5] - relief[7], -1.0), 1.0)
     flat = relief[8] + relief[9] * a + relief[10] * b
@@ -377,9 +377,7 @@ def _agreement(points: Any, arrays: Any) -> tuple[int, int, int, int, int]:
         for k in range(planes.shape[0]):
             plane = planes[k]
             along = x * plane[0] + y * plane[1] + z * plane[2]
-            over = along - plane[3]
-            if not _is_flat(reliefs[k]):
-                over -= _height(x, y, z, reliefs[k])
+            over = along - plane[3] - _height(x, y, z, reliefs[k])
             is_near = over * over < plane[4] * variance * along * along / range2 + plane[5]
             is_on |= is_near
             sides = cones[starts[k] : starts[k + 1]]

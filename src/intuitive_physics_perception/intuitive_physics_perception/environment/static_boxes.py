@@ -313,7 +313,6 @@ def _outside_boxes(
     in m and standard deviations of the margin.
     """
     rotation, translation = pose
-    reaches = np.sqrt(np.sum(halves**2, axis=1))
     out = np.zeros(starts.size - 1, dtype=np.int64)
     extents = np.zeros((starts.size - 1, centers.shape[0]))
     low, high = np.empty(centers.shape), np.empty(centers.shape)
@@ -331,12 +330,6 @@ def _outside_boxes(
                 place[a] += translation[a]
             inside_any = False
             for k in range(centers.shape[0]):
-                away2 = 0.0
-                for a in range(3):
-                    away2 += (place[a] - centers[k, a]) ** 2
-                # The margin widens each of the three half edges.
-                if away2 > (reaches[k] + 2.0 * margin) ** 2:
-                    continue
                 if _is_inside(place, centers[k], rotations[k], halves[k], margin, local):
                     inside_any = True
                     for a in range(3):

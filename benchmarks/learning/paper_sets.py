@@ -136,14 +136,18 @@ def ball_throws(seed: int, restitutions: Iterator[float] | None = None) -> Itera
         yield throw_objects(pool, true, simulator, "three_points", rng).observation
 
 
-def seeded_tasks(quick: bool, first_seed: int) -> Iterator[tuple[str, int, Task]]:
-    """Yield the name of the size, the seed and the task of all sets of all sizes."""
+def seeds_of_sizes(quick: bool, first_seed: int) -> Iterator[tuple[str, int]]:
+    """Yield the name of the size and the seed of all sets of all sizes."""
     for name, size in SIZES.items():
-        count = size.quick_sets if quick else size.sets
-        for number in range(count):
-            report_progress(f"{name}, set {number + 1} of {count}")
-            seed = first_seed + number
-            yield name, seed, make_task(size.objects, seed)
+        for number in range(size.quick_sets if quick else size.sets):
+            yield name, first_seed + number
+
+
+def seeded_tasks(quick: bool, first_seed: int) -> Iterator[tuple[str, int, Task]]:
+    """Yield the same with the task of each."""
+    for name, seed in seeds_of_sizes(quick, first_seed):
+        report_progress(f"{name}, seed {seed}")
+        yield name, seed, make_task(SIZES[name].objects, seed)
 
 
 class OfSize(Protocol):

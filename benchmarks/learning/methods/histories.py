@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.learning.paper_sets import TOLERANCE, Task
+from benchmarks.learning.paper_sets import SIZES, TOLERANCE, Task, make_task
 from intuitive_physics.parameter_space import ParameterSpace
+from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner import (
     ConvergenceCriteria,
     ParameterSearch,
@@ -21,11 +23,19 @@ from intuitive_physics_learner.joint_estimation import JointSearch
 from intuitive_physics_learner.search.learning_task import LearningTask
 
 
-def rule_history(task: Task, rule: str, seed: int, iterations: int) -> NDArray[np.float64]:
-    """J over the training split after each iteration of an update rule, (iterations,) m.
+@lru_cache(maxsize=len(SIZES))
+def _task_of(size: str, seed: int) -> Task:
+    return make_task(SIZES[size].objects, seed, make_simulator("auto", threads=1))
 
-    As in the paper, over all |θ_s| parameters and from a start of the rule's own.
+
+def rule_history(
+    size: str, set_seed: int, rule: str, seed: int, iterations: int
+) -> NDArray[np.float64]:
+    """J over the training split of a set after each iteration of an update rule, (iterations,) m.
+
+    As in the paper, over all |θ_s| parameters and from a start of the rule's own. By one thread.
     """
+    task = _task_of(size, set_seed)
     space = ParameterSpace(task.start.materials)
     made = make_update_rule(rule, space.size, np.random.default_rng(seed))
     cost = CachedCost(task.training_cost())

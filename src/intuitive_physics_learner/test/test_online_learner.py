@@ -14,7 +14,8 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import LearningOptions
 from intuitive_physics_learner.assessment.reasons import Reason
 from intuitive_physics_learner.given_parameters import FIXED, PRIOR, given_parameters
-from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
+from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, JointFit
+from intuitive_physics_learner.joint_estimation.several_starts import LEFT, SeveralStarts
 from intuitive_physics_learner.online import memory
 from intuitive_physics_learner.online.doubt import assessed
 from intuitive_physics_learner.online.memory import grow_older
@@ -385,6 +386,32 @@ def test_a_wrong_optimum_is_left_when_there_is_more_evidence(folded_glide, folde
     # Linear as they are, earlier observations hold the wrong one for ever.
     monkeypatch.setattr(OnlineState, "refit_is_due", False)
     assert estimates()[-1][0] == pytest.approx(folded_glide.wrong, abs=0.02)
+
+
+def test_the_fit_of_the_window_leaves_time_for_refits(glide, gliding, monkeypatch):
+    monkeypatch.setattr(JointFit, "settled", False)
+    generator = np.random.default_rng(31)
+    learner = OnlineLearner(glide, replace(OPTIONS, seconds=1.0))
+    learner.learn_from_all([gliding(generator, 0.8) for _ in range(4)], lambda: 0.0)
+    left = iter(np.arange(1.0, 0.0, -0.12).tolist())
+    learner.learn_from_all([gliding(generator, 0.8)], lambda: next(left))
+    # One step has gone beyond the half of a second that there is for it.
+    assert 0.25 < next(left) < 0.5
+
+
+# Besides the present estimate: of four starts, those that are left in the end.
+@pytest.mark.parametrize(("seconds", "others"), [(np.inf, LEFT), (0.0, 0)], ids=["all", "none"])
+def test_starts_that_had_no_time_are_not_chosen_from(glide, gliding, monkeypatch, seconds, others):
+    generator, counts, choose = np.random.default_rng(32), [], SeveralStarts.choose
+
+    def counting(starts, beyond):
+        counts.append(len(starts.fits))
+        return choose(starts, beyond)
+
+    monkeypatch.setattr(SeveralStarts, "choose", counting)
+    observed = [gliding(generator, 0.8) for _ in range(4)]
+    OnlineLearner(glide, OPTIONS).learn_from_all(observed, lambda: seconds)
+    assert counts == [1 + others]
 
 
 def test_optima_that_data_cannot_tell_apart_widen_what_is_published(glide, gliding):

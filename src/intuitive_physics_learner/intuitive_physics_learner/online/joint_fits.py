@@ -13,7 +13,11 @@ from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
 from intuitive_physics_learner.joint_estimation.point_noise import detected
-from intuitive_physics_learner.joint_estimation.several_starts import STARTS, drawn_starts
+from intuitive_physics_learner.joint_estimation.several_starts import (
+    DROP_STEPS,
+    STARTS,
+    drawn_starts,
+)
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.online.change_point import change_probability
 from intuitive_physics_learner.online.lone_fit import LARGEST_ADVANCE
@@ -31,6 +35,10 @@ WINDOW_STEPS = 8
 REFIT_STEPS = 60
 """Joint steps of a fit to all observations that are kept from what was known before them; 16 boxes
 take 21 to 55."""
+
+WINDOW_SHARE = 0.5
+"""Part of the time for new observations in which the window is fitted after them. The rest is saved
+up for refits, which otherwise had none left where a window takes long; set by hand."""
 
 CONTINUED_STEPS = 20
 """Joint steps of one that begins at an estimate; set by hand."""
@@ -95,22 +103,29 @@ class JointProblem:
 
 @dataclass(frozen=True, eq=False)
 class JointFits:
-    """Fits what a state keeps to observations by their ids, with a simulator."""
+    """Fits what a state keeps to observations by their ids, with a simulator.
+
+    `seconds_left` of CPU time, called between steps.
+    """
 
     state: OnlineState
     simulator: Simulator
     options: OnlineOptions
     seconds_left: Callable[[], float]
 
-    def fit_window(self, observations: Mapping[str, Observation]) -> None:
-        """Fit the observations of the window jointly and take the posterior over."""
-        state = self.state
+    def fit_window(self, observations: Mapping[str, Observation], new: int) -> None:
+        """Fit the observations of the window jointly and take the posterior over.
+
+        `new` : how many have come since it was fitted last
+        """
+        state, left = self.state, self.seconds_left()
         if not state.window:
             return
         problem = self._problem(state.window, observations, state.before_window())
         settings = JointEstimationSettings(largest_advance=LARGEST_ADVANCE, scan_steps=())
         fit = problem.fit_from(self._present, settings)
-        self._run(fit, WINDOW_STEPS)
+        saved = left - WINDOW_SHARE * self.options.seconds * new if np.isfinite(left) else 0.0
+        self._run(fit, WINDOW_STEPS, saved)
         problem.take_over(fit, with_spins=False)
 
     def refit(self, observations: Mapping[str, Observation]) -> None:
@@ -136,6 +151,9 @@ class JointFits:
         for fit in continued:
             self._run(fit, CONTINUED_STEPS)
         self._run(staged, REFIT_STEPS)
+        if staged.jointly.steps < DROP_STEPS:
+            # Where there was no time for new starts, they have not begun to explain anything.
+            staged.jointly.keep(0)
         for fit in continued:
             staged.jointly.add(fit)
         state.spread = np.zeros(state.unit.size)
@@ -186,9 +204,9 @@ class JointFits:
                 state.forget_pair(parameters, ground=False)
         state.add_up()
 
-    def _run(self, fit: JointFit | StagedFit, steps: int) -> None:
-        """Take steps, at least one, until the fit has settled or the time is over."""
+    def _run(self, fit: JointFit | StagedFit, steps: int, saved: float = 0.0) -> None:
+        """Take steps, at least one, until the fit has settled or all time but `saved` s is over."""
         for _ in range(steps):
-            if fit.settled or (fit.steps and self.seconds_left() <= 0.0):
+            if fit.settled or (fit.steps and self.seconds_left() <= saved):
                 break
             fit.step()

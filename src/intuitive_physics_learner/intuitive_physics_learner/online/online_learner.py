@@ -126,7 +126,7 @@ class OnlineLearner:
             retire(state, self._options.window)
         else:
             retire(state, self._options.window)
-            fits.fit_window(self._observations)
+            fits.fit_window(self._observations, len(observations))
         assessments += self._follow_change(fits)
         if is_to_be_published(state):
             window = self._cost([self._observations[member.id] for member in state.window])
@@ -227,7 +227,7 @@ class OnlineLearner:
         state.count_from(length)
         state.add_up()
         state.unit = np.clip(state.prior.mean, 0.0, 1.0)
-        fits.fit_window(self._observations)
+        fits.fit_window(self._observations, length)
         # Observations that agree on a change have compared it with what is published.
         state.win_trial(length)
         return assessments

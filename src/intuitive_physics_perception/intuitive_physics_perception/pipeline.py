@@ -92,6 +92,9 @@ class PerceptionPipeline:
         self._rng = rng
         self._clock = clock
         self._background = background
+        self._budget = FrameBudget()
+        if background is not None:
+            self._budget = FrameBudget(1e-3 * settings.hypothesis_budget, clock)
         self._next_track = 1
         self._last_time = -np.inf
         self._last_camera = ""
@@ -167,6 +170,7 @@ class PerceptionPipeline:
             raise InvalidInputError(f"time of the frame is {time}; expected a finite number")
         if time == self._last_time and camera == self._last_camera:
             return self._unused(time, "two frames have the same time; expected increasing times")
+        self._budget.begin_frame()
         restarted = time < self._last_time
         episodes = self._restarted() if restarted else ()
         self._last_time, self._last_camera = time, camera
@@ -185,6 +189,7 @@ class PerceptionPipeline:
             if pose is not None and self._scene is scene:
                 self._model_where_it_stands(scene, points, time, pose)
                 result = self._with_new_model(scene, result, pose)
+        self._budget.end_frame()
         return replace(
             result,
             episodes=(*episodes, *result.episodes),
@@ -344,12 +349,14 @@ class PerceptionPipeline:
                 return self._model_again(time, moved, self._forget_view(camera))
             clusters = eye.stages.clusters(points)
             eye.look_about(points, clusters)
-        budget = self._budget(timer.seconds["planes"])
+        budget = self._budget
+        budget.begin()
         with timer.stage("spheres"):
             spheres = eye.find_spheres(points, clusters, time, budget)
         with timer.stage("solids"):
             objects_seen = all_objects(points, spheres, eye.stages.solids, colors, budget)
             pixels = [item.pixels(points) for item in objects_seen]
+        budget.end()
         with timer.stage("tracking"):
             pose = eye.model.rotation, eye.model.translation
             detections = [item.detection.moved(*pose) for item in objects_seen]
@@ -401,13 +408,6 @@ class PerceptionPipeline:
                 seconds=timer.seconds,
             ),
         )
-
-    def _budget(self, spent: float) -> FrameBudget:
-        """Return the time that is left for hypotheses in a frame on whose planes some, in s, was
-        spent: a bounded one where frames go on meanwhile."""
-        if self._background is None:
-            return FrameBudget()
-        return FrameBudget(1e-3 * self.settings.hypothesis_budget, self._clock, spent)
 
     def _perceived(self, track: Track, scene: ModelledScene, since: float) -> PerceivedObject:
         return PerceivedObject(

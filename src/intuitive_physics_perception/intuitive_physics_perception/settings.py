@@ -157,9 +157,8 @@ class PerceptionSettings:
         15.0,
         1.0,
         1000.0,
-        "time of a frame of a live camera in which hypotheses of objects are begun, that for its "
-        "planes included; what is followed comes first, then what is new, then what has waited "
-        "longest",
+        "time that a frame of a live camera may take with hypotheses of objects; what is followed "
+        "comes first, then what is new, then what has waited longest",
         unit="ms",
     )
     max_misfit: float = number(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
+from intuitive_physics.kernels import allocating_entry
 from intuitive_physics_perception.environment.noise import RangeNoise
 
 COUNT_TOLERANCE = 0.2
@@ -118,27 +119,26 @@ class ClusterMemory(Generic[Result]):
         # The difference of the means of two times n readings.
         deviations = self._noise.deviation(np.linalg.norm(middles, axis=1))
         moved = MOVEMENT_SIGMAS * deviations * np.sqrt(2.0 * self._noise.correlated / counts)
+        places = _recognised(
+            centres, counts, np.square(self._stillness + moved), self._centres, self._counts
+        )
         return [
-            self._recalled(centre, int(count), (self._stillness + float(noise)) ** 2)
-            for centre, count, noise in zip(centres, counts, moved, strict=True)
+            self._recalled(centre, count, k)
+            for centre, count, k in zip(centres, counts.tolist(), places.tolist(), strict=True)
         ]
 
     def _recalled(
-        self, centre: NDArray[np.float64], count: int, moved2: float
+        self, centre: NDArray[np.float64], count: int, k: int
     ) -> RememberedCluster[Result]:
-        """What is known of one cluster, which may have moved by the root of `moved2`, m²."""
-        alike = (np.abs(count - self._counts) < COUNT_TOLERANCE * self._counts) & (
-            np.square(self._centres - centre).sum(axis=1) < moved2
-        )
-        if alike.any():
-            k = int(np.argmax(alike))
-            # Each is recalled once.
-            self._counts[k] = 0
-            old = self._last[k]
-            old.centre, old.count, old.frames = centre, count, old.frames + 1
-            return old
-        self._turn += 1
-        return RememberedCluster(centre, count, 0, self._turn, None)
+        """What is known of one cluster, the `k`-th of the last frames; -1: nothing is."""
+        if k < 0:
+            self._turn += 1
+            return RememberedCluster(centre, count, 0, self._turn, None)
+        # Each is recalled once.
+        self._counts[k] = 0
+        old = self._last[k]
+        old.centre, old.count, old.frames = centre, count, old.frames + 1
+        return old
 
     def keep(self, cluster: RememberedCluster[Result], result: Result | None) -> None:
         """Remember a cluster for the next frame with the result of its search."""
@@ -163,3 +163,26 @@ class ClusterMemory(Generic[Result]):
         self._unseen = np.concatenate([np.zeros(len(self._last) - len(missing), np.int64), unseen])
         self._centres = np.array([old.centre for old in self._last]).reshape(-1, 3)
         self._counts = np.array([old.count for old in self._last], dtype=np.int64)
+
+
+@allocating_entry
+def _recognised(centres: Any, counts: Any, moved2: Any, old_centres: Any, old_counts: Any) -> Any:
+    """Return for each cluster of a frame the first of the last ones that is alike and that none
+    before it was recognised as, (n,); -1 where none is.
+
+    `centres` (n, 3) m and `counts` (n,) of points; `moved2` (n,) m², square of the movement of one
+    that stays as it is; `old_centres` (m, 3) m and `old_counts` (m,), 0 where one is taken.
+    """
+    places = np.full(counts.size, -1)
+    taken = np.zeros(old_counts.size, dtype=np.bool_)
+    for i in range(counts.size):
+        for k in range(old_counts.size):
+            if taken[k] or abs(counts[i] - old_counts[k]) >= COUNT_TOLERANCE * old_counts[k]:
+                continue
+            away2 = 0.0
+            for axis in range(3):
+                away2 += (centres[i, axis] - old_centres[k, axis]) ** 2
+            if away2 < moved2[i]:
+                places[i], taken[k] = k, True
+                break
+    return places

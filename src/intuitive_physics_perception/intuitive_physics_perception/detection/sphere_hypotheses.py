@@ -219,7 +219,7 @@ def inscribed_spheres(
     `points` (height, width, 3) m, of an organised frame; `cluster` (n,) indices of the cluster's
     points.
     """
-    from scipy.ndimage import binary_fill_holes, distance_transform_edt
+    from scipy.ndimage import distance_transform_edt, label
 
     rows, columns = np.divmod(cluster, points.shape[1])
     every = int(np.ceil(np.sqrt(len(cluster) / OUTLINE_PIXELS)))
@@ -230,7 +230,10 @@ def inscribed_spheres(
     top, left = rows.min() - 1, columns.min() - 1
     mask = np.zeros((rows.max() - top + 2, columns.max() - left + 2), dtype=bool)
     mask[rows - top, columns - left] = True
-    depth = distance_transform_edt(binary_fill_holes(mask))[rows - top, columns - left]
+    # What hangs together with the rim is outside, and holes are not; `binary_fill_holes` takes
+    # three times as long.
+    outside, _ = label(~mask)
+    depth = distance_transform_edt(outside != outside[0, 0])[rows - top, columns - left]
     readings = points.reshape(-1, 3)[cluster].astype(np.float64)
     ranges = np.linalg.norm(readings, axis=1)
     spheres: list[NDArray[np.float64]] = []

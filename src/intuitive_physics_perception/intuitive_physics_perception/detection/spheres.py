@@ -175,6 +175,7 @@ class SphereFinder:
             is_round[:] = True
         for k in _in_turn(followed, clusters.new, remembered, is_round):
             cluster, memory = clusters.indices[k], remembered[k]
+            budget.is_urgent = clusters.new[k] and memory.has_just_come
             if budget.is_spent and not followed[k]:
                 budget.waiting += 1
                 self._memory.postpone(memory)
@@ -208,6 +209,7 @@ class SphereFinder:
                 left -= effort is Effort.RANDOM
             else:
                 self._memory.postpone(memory, looked=is_search)
+        budget.is_urgent = False
         self._memory.end_frame()
         return results
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -88,7 +89,7 @@ class EnvironmentModel:
 
         return Rotation.from_matrix(self.rotation).as_quat()
 
-    @property
+    @cached_property
     def sensor_pose(self) -> RigidTransform:
         """Pose of the sensor in the environment's frame."""
         return RigidTransform(self.translation, self.sensor_orientation())

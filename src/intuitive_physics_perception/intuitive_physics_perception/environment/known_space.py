@@ -117,7 +117,8 @@ class KnownSpace:
 
     def fill(self, view: View) -> None:
         """Take a view as `filled` returned it, in the place of the one that it fills."""
-        k = self._from_place(view)
+        same = (k for k, old in enumerate(self._views) if old.way is view.way)
+        k = next(same, None)
         if k is None:
             self.take(view)
         else:

@@ -171,13 +171,16 @@ def _readings_before(points: Any, arrays: Any, continued: bool) -> tuple[Any, in
     numbers = np.empty(BLOCK, dtype=np.int64)
     inside = np.empty(BLOCK, dtype=np.bool_)
     for first in range(0, points.shape[0], BLOCK):
-        n = _enter_rays(rays, numbers, points, first, limits)
-        readings += n
+        n = min(BLOCK, points.shape[0] - first)
+        readings += _enter_readings(rays, numbers, inside, points, first, n, limits)
+        if continued:
+            # Most readings lie on a plane: fewer rays are left whose sides have to be tested.
+            for k in range(planes.shape[0]):
+                _mark_near(inside, rays, n, planes[k], reliefs[k])
+        n = _keep_outside(inside, rays, numbers, n)
+        _turn_to_rays(rays, n)
         for k in range(planes.shape[0]):
             _rise(rays, n, reliefs[k])
-            # Most readings lie on a plane: fewer rays are left whose sides have to be tested.
-            if continued and _mark_near(inside, rays, n, planes[k]) > 0:
-                n = _keep_outside(inside, rays, numbers, n)
             if _mark_reached(inside, rays, n, planes[k]) > 0:
                 sides = cones[starts[k] : starts[k + 1]]
                 _leave_sides(inside, rays, n, sides)
@@ -189,36 +192,55 @@ def _readings_before(points: Any, arrays: Any, continued: bool) -> tuple[Any, in
 
 
 @kernel
-def _enter_rays(rays: Any, numbers: Any, points: Any, first: int, limits: Any) -> int:
-    """Enter a block of readings that are in range into rays (6, size), a row each for the three
-    parts of the direction, range, variance and height over a plane, and their numbers (size,);
-    return how many they are."""
-    n = 0
-    for i in range(first, min(first + BLOCK, points.shape[0])):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        range2 = x * x + y * y + z * z
+def _enter_readings(
+    rays: Any, numbers: Any, inside: Any, points: Any, first: int, n: int, limits: Any
+) -> int:
+    """Enter n readings into rays (6, size), a row each for the three coordinates, the square of the
+    range and the variance, and their numbers (size,); mark those out of range, and return how many
+    are in it."""
+    x, y, z, ranges2, variances, _ = rays
+    for i in range(n):
+        x[i], y[i], z[i] = points[first + i, 0], points[first + i, 1], points[first + i, 2]
+        numbers[i] = first + i
+    readings = 0
+    for i in range(n):
+        range2 = x[i] * x[i] + y[i] * y[i] + z[i] * z[i]
         # NaN compares false with everything.
-        if limits[0] <= range2 <= limits[1]:
-            length = np.sqrt(range2)
-            rays[0, n], rays[1, n], rays[2, n] = x / length, y / length, z / length
-            rays[3, n] = length
-            rays[4, n] = min(limits[2] + limits[3] * range2 * range2, limits[4])
-            numbers[n] = i
-            n += 1
-    return n
+        in_range = (limits[0] <= range2) & (range2 <= limits[1])
+        ranges2[i] = range2
+        variances[i] = min(limits[2] + limits[3] * range2 * range2, limits[4])
+        inside[i] = not in_range
+        readings += in_range
+    return readings
 
 
 @kernel
-def _mark_near(inside: Any, rays: Any, n: int, plane: Any) -> int:
-    """Mark those of n readings that lie near a plane, wherever it ends; return their number."""
-    x, y, z, ranges, variances, rises = rays
-    a, b, c, offset, sigmas2, tolerance2 = plane
-    near = 0
+def _turn_to_rays(rays: Any, n: int) -> None:
+    """Let n readings as `_enter_readings` has them be rays: the three parts of the direction and
+    the range take the place of the coordinates and the square of the range."""
+    x, y, z, ranges, _, _ = rays
     for i in range(n):
-        distance = ranges[i] * (x[i] * a + y[i] * b + z[i] * c) - offset - rises[i]
-        inside[i] = distance * distance <= sigmas2 * variances[i] + tolerance2
-        near += inside[i]
-    return near
+        ranges[i] = np.sqrt(ranges[i])
+        x[i], y[i], z[i] = x[i] / ranges[i], y[i] / ranges[i], z[i] / ranges[i]
+
+
+@kernel
+def _mark_near(inside: Any, rays: Any, n: int, plane: Any, relief: Any) -> None:
+    """Mark those of n readings, as `_enter_readings` has them, that lie near a plane, wherever it
+    ends."""
+    x, y, z, variances = rays[0], rays[1], rays[2], rays[4]
+    a, b, c, offset, sigmas2, tolerance2 = plane
+    if _is_flat(relief):
+        # No branch, which the compiler turns into vector code.
+        for i in range(n):
+            distance = x[i] * a + y[i] * b + z[i] * c - offset
+            inside[i] |= distance * distance <= sigmas2 * variances[i] + tolerance2
+        return
+    for i in range(n):
+        if not inside[i]:
+            along = x[i] * a + y[i] * b + z[i] * c
+            distance = along - offset - _height(x[i], y[i], z[i], relief)
+            inside[i] = distance * distance <= sigmas2 * variances[i] + tolerance2
 
 
 @kernel

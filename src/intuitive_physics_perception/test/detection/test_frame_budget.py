@@ -41,18 +41,76 @@ def centres(parts) -> list[np.ndarray]:
     return [sphere.center for part in parts for sphere in part.spheres]
 
 
-def test_the_time_is_over_when_the_clock_says_so() -> None:
-    ticks = itertools.count()
-    budget = FrameBudget(3.0, lambda: float(next(ticks)))
-    assert [budget.is_spent for _ in range(5)] == [False, False, True, True, True]
+class Clock:
+    """Shows the time that it is set to, in s."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def time_of_hypotheses(budget: FrameBudget, clock: Clock) -> float:
+    """Let a frame's hypotheses begin now; return how long they have, in s, to 0.01 s."""
+    budget.begin()
+    begun = clock.now
+    while not budget.is_spent:
+        clock.now += 0.01
+    return clock.now - begun
+
+
+def test_without_a_limit_time_is_never_over() -> None:
     assert not FrameBudget().is_spent
 
 
-@pytest.mark.parametrize(("before", "left"), [(0.0, 10), (3.0, 7), (30.0, 4)])
+@pytest.mark.parametrize(("before", "left"), [(0.0, 10.0), (3.0, 7.0), (30.0, 4.0)])
 def test_what_was_spent_before_counts_but_a_part_is_left_in_any_case(before, left) -> None:
-    ticks = itertools.count()
-    budget = FrameBudget(10.0, lambda: float(next(ticks)), before)
-    assert sum(not budget.is_spent for _ in range(20)) == left - 1
+    clock = Clock()
+    budget = FrameBudget(10.0, clock)
+    budget.begin_frame()
+    clock.now += before
+    assert time_of_hypotheses(budget, clock) == pytest.approx(left, abs=0.02)
+
+
+@pytest.mark.parametrize(("step", "kept_free"), [(2.0, 2.0), (9.0, 5.0)])
+def test_hypotheses_end_earlier_by_a_step_unless_they_are_urgent(step, kept_free) -> None:
+    clock = Clock()
+    budget = FrameBudget(10.0, clock)
+    clock.now += step
+    assert not budget.is_spent
+    budget.begin_frame()
+    assert time_of_hypotheses(budget, clock) == pytest.approx(10.0 - kept_free, abs=0.02)
+    budget.is_urgent = True
+    assert not budget.is_spent
+    clock.now += kept_free
+    assert budget.is_spent
+
+
+def test_a_long_step_is_forgotten_frame_by_frame() -> None:
+    clock = Clock()
+    budget = FrameBudget(10.0, clock)
+    clock.now += 2.0
+    assert not budget.is_spent
+    times = []
+    for _ in range(30):
+        budget.begin_frame()
+        times.append(time_of_hypotheses(budget, clock))
+    assert (np.diff(times) > 0.0).all()
+    assert times[-1] > 9.8
+
+
+def test_what_follows_on_hypotheses_counts_by_its_mean_time() -> None:
+    clock = Clock()
+    budget = FrameBudget(10.0, clock)
+    for _ in range(60):
+        budget.begin_frame()
+        budget.begin()
+        budget.end()
+        clock.now += 3.0
+        budget.end_frame()
+    budget.begin_frame()
+    assert time_of_hypotheses(budget, clock) == pytest.approx(7.0, abs=0.05)
 
 
 def test_what_is_followed_is_found_when_the_time_is_over(frame) -> None:
@@ -83,7 +141,7 @@ def test_a_solid_that_has_to_wait_stays_what_it_was(corner_model) -> None:
 
 
 def test_a_thrown_ball_is_followed_where_each_frame_has_next_to_no_time(make_room) -> None:
-    # Each look at the clock takes 3 ms, and the planes: time is over after three clusters.
+    # Each look at the clock takes 1 ms: time is over after the first clusters.
     ticks = itertools.count()
     room = make_room()
     clutter = tuple(
@@ -95,7 +153,7 @@ def test_a_thrown_ball_is_followed_where_each_frame_has_next_to_no_time(make_roo
         pipeline = PerceptionPipeline(
             PerceptionSettings(environment_frames=3),
             np.random.default_rng(0),
-            clock=lambda: 0.003 * next(ticks),
+            clock=lambda: 0.001 * next(ticks),
             background=background,
         )
         for k in range(3):

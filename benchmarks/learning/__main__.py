@@ -44,7 +44,7 @@ PARTS = {
 }
 """In the order in which they are measured and reported."""
 
-# Measured only where `--only` names it: six minutes for what changes only with the sets
+# Measured only where `--only` names it: minutes for what changes only with the sets
 ON_REQUEST = {"attainable": attainable.measure}
 LINE = (
     "true_state_excess",

@@ -175,7 +175,7 @@ class SphereFinder:
             is_round[:] = True
         for k in _in_turn(followed, clusters.new, remembered, is_round):
             cluster, memory = clusters.indices[k], remembered[k]
-            budget.is_urgent = memory.has_just_come and (clusters.new[k] or bool(is_round[k]))
+            budget.is_urgent = clusters.new[k] and memory.has_just_come
             if budget.is_spent and not followed[k]:
                 budget.waiting += 1
                 self._memory.postpone(memory)

@@ -6,8 +6,8 @@ up to the fit horizons of an estimator that is helped ever less:
 
 - all points: a local bound, which assumes that all can be fitted;
 - as far as trajectories can be predicted from the true initial states;
-- as far as they can be fitted, with θ_s held at the truth, from the initial states observed. This
-  is what the estimator can reach: it has to find only θ_s.
+- as far as they can be fitted, with θ_s held at the truth, from the initial states observed. Only
+  θ_s is left to be found, so the estimator itself cannot be expected to do better.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ from intuitive_physics.state import LINEAR_VELOCITY, POSITION, ROTATION
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation.joint_fit import (
     FIXED_HORIZONS,
+    HELD_PRECISION,
     JointEstimationSettings,
     JointFit,
     ObservationFit,
@@ -50,7 +51,6 @@ ADVANCES = 20  # times that the fit horizons advance with everything held at the
 DRAWS = 50  # of θ_s about the truth
 # s by which a horizon advances at most at a time: the estimate needs no careful approach
 LONGEST_ADVANCE = 1.0
-HELD_PRECISION = 1e12  # per width², of θ_s that is held at the truth
 MOST_STEPS = 40  # of the fit of initial states to it
 
 
@@ -175,10 +175,9 @@ def _advanced(held: Sequence[ObservationFit], fit: JointFit) -> list[Observation
 
 def measure(quick: bool, first_seed: int) -> Outcome:
     """Draw about the truth of all sets of all sizes, several at a time."""
+    calls = [partial(attainable_of, *each) for each in seeds_of_sizes(quick, first_seed)]
     # The largest first, so that none of the processes waits long for the other.
-    seeds = sorted(seeds_of_sizes(quick, first_seed), key=lambda row: -SIZES[row[0]].objects)
-    made = side_by_side([partial(attainable_of, name, seed) for name, seed in seeds])
-    results = sorted(made, key=lambda a: (SIZES[a.size].objects, a.seed))
+    results = side_by_side(calls[::-1])[::-1]
     table = Table.of(
         "What the observations allow: draws about the true θ_s",
         results,

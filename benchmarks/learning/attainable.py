@@ -47,7 +47,8 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import Initia
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import LearningTask
 
-ADVANCES = 20  # times that the fit horizons advance with everything held at the truth
+# Times that the fit horizons advance at most with everything held at the truth
+MOST_ADVANCES = 20
 DRAWS = 50  # of θ_s about the truth
 # s by which a horizon advances at most at a time: the estimate needs no careful approach
 LONGEST_ADVANCE = 1.0
@@ -138,10 +139,14 @@ def _predicted(
     settings = JointEstimationSettings(largest_advance=LONGEST_ADVANCE, scan_steps=())
     growing, deviations = JointFit(learning.fit_task, settings), learning.prior.deviations
     held = _advanced(true, growing)
-    for _ in range(ADVANCES):
+    for _ in range(MOST_ADVANCES):
         growing.begin_at(truth, deviations, held)
         growing.step()
-        held, deviations = _advanced(held, growing), growing.deviations.copy()
+        before, held = held, _advanced(held, growing)
+        deviations = growing.deviations.copy()
+        pairs = zip(before, held, strict=True)
+        if all(new.horizon <= old.horizon for old, new in pairs):
+            break
     return held, deviations
 
 

@@ -1,4 +1,8 @@
-"""The perception node as a process, over DDS: a throw, and everything that can go wrong."""
+"""The perception node as a process, over DDS: a throw, and everything that can go wrong.
+
+The tests of the camera are one session with one node, in their order: what an earlier one has shown
+is known to later ones, which therefore fail when they are run alone.
+"""
 
 from __future__ import annotations
 

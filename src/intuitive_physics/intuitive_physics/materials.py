@@ -228,21 +228,30 @@ def _index_pairs(materials: Sequence[str]) -> Iterator[tuple[tuple[int, str], tu
 def _check_ranges(
     names: tuple[str, ...], density: NDArray[np.float64], coefficients: NDArray[np.float64]
 ) -> None:
+    static, dynamic, rolling, restitution = coefficients
+    # Searches make thousands of these: what is wrong is looked for where anything is.
+    valid = (density > 0.0).all() and (coefficients == coefficients.transpose(0, 2, 1)).all()
+    valid = valid and ((dynamic >= 0.0) & (dynamic <= static) & (rolling >= 0.0)).all()
+    if not (valid and ((restitution >= 0.0) & (restitution <= 1.0)).all()):
+        raise InvalidInputError(_out_of_range(names, density, coefficients))
+
+
+def _out_of_range(
+    names: tuple[str, ...], density: NDArray[np.float64], coefficients: NDArray[np.float64]
+) -> str:
+    """Say which value is out of its range, where any is."""
     for name, rho in zip(names, density, strict=True):
         if rho <= 0.0:
-            raise InvalidInputError(f"density of {name} is {rho:g}; expected above zero")
-    if not np.array_equal(coefficients, coefficients.transpose(0, 2, 1)):
-        raise InvalidInputError(
-            "pair coefficients are not symmetric; expected the same value for (a, b) and (b, a)"
-        )
+            return f"density of {name} is {rho:g}; expected above zero"
     for (i, a), (j, b) in _index_pairs(names):
         mu_s, mu_d, mu_r, e = coefficients[:, i, j]
         if not 0.0 <= mu_d <= mu_s:
-            raise InvalidInputError(
+            return (
                 f"({a}, {b}) has dynamic friction {mu_d:g} and static friction {mu_s:g}; "
                 "expected 0 ≤ dynamic ≤ static"
             )
         if mu_r < 0.0:
-            raise InvalidInputError(f"({a}, {b}) has rolling friction {mu_r:g}; expected ≥ 0")
+            return f"({a}, {b}) has rolling friction {mu_r:g}; expected ≥ 0"
         if not 0.0 <= e <= 1.0:
-            raise InvalidInputError(f"({a}, {b}) has restitution {e:g}; expected 0 to 1")
+            return f"({a}, {b}) has restitution {e:g}; expected 0 to 1"
+    return "pair coefficients are not symmetric; expected the same value for (a, b) and (b, a)"

@@ -12,10 +12,12 @@ from intuitive_physics_learner.joint_estimation.coordinate_scan import (
     SMALLEST_SCAN_GAIN,
     compatible_moves,
     scan_candidates,
+    scanned,
     scanned_states,
+    tried_parameters,
 )
 from intuitive_physics_learner.joint_estimation.fit_horizons import TrajectoryFits
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.joint_fit import FIXED_HORIZONS, JointFit
 from intuitive_physics_learner.joint_estimation.linearisation import (
     ParameterSteps,
     linearise,
@@ -61,7 +63,9 @@ def test_initial_states_are_the_ridge_regression_of_each_level(gliding_task):
     )
     until = fits.horizons
     linear = linearise(task.cost, block, fits.estimate, fits.deviations, steps, until)
-    estimates, residuals = scanned_states(task.cost, block, fits, linear, *candidates_of(task))
+    candidates, index = candidates_of(task)
+    index = index[block.parameters].reshape(2, -1).T
+    estimates, residuals = scanned_states(task.cost, block, fits, linear, candidates, index)
     estimates = estimates.reshape(4, LEVELS.size, 2, 3)
     residuals = residuals.reshape(4, LEVELS.size, 2, -1, 3)
     prior = PRIOR_WIDENING * deviation
@@ -107,3 +111,31 @@ def test_a_scan_leaves_a_local_optimum(gliding_task):
 
     assert fitted(JointEstimationSettings()) == pytest.approx(0.95, abs=0.01)
     assert fitted(JointEstimationSettings(scan_steps=())) < 0.1
+
+
+def test_what_is_asked_rises_as_where_all_are_tried(gliding_task):
+    task = gliding_task([0.6, 0.3, 0.5], position_deviation=0.02)
+    fit = JointFit(task.fit_task, FIXED_HORIZONS)
+    linear = fit.model.linearised(fit.estimate)
+    rises, _ = scanned(fit.model, fit.estimate, linear, LEVELS, fit.weights)
+    fit.model.simulations = 0.0
+    asked = np.array([False, True, False, True])
+    some, _ = scanned(fit.model, fit.estimate, linear, LEVELS, fit.weights, asked)
+    np.testing.assert_array_equal(some[asked], rises[asked])
+    # Two fits of initial states for each level of each parameter that is asked for.
+    simulated = fit.model.simulations
+    fit.model.simulations = 0.0
+    scanned(fit.model, fit.estimate, linear, LEVELS, fit.weights)
+    assert simulated == pytest.approx(fit.model.simulations / 2)
+
+
+@given(data=st.data())
+def test_tried_parameters_are_those_asked_for_each_once(data):
+    n = data.draw(st.integers(1, 6))
+    each = st.permutations(range(n)).map(lambda order: order[: (n + 1) // 2])
+    parameters = np.array(data.draw(st.lists(each, min_size=1, max_size=4)))
+    asked = np.array(data.draw(st.lists(st.booleans(), min_size=n, max_size=n)))
+    tried, counts = tried_parameters(parameters, asked)
+    for own, chosen, counted in zip(parameters, tried, counts, strict=True):
+        assert sorted(chosen[counted]) == sorted(own[asked[own]])
+    assert tried.shape[1] == max(1, asked[parameters].sum(axis=1).max())

@@ -10,6 +10,7 @@ from intuitive_physics_learner.joint_estimation import JointEstimationSettings, 
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.joint_identifiability import (
     LARGEST_MOVE_RISE,
+    MOVE_TOLERANCE,
     curvature_posterior,
     curvature_simulations,
     move_simulations,
@@ -84,8 +85,7 @@ def test_moves_end_where_the_loss_of_least_squares_is_no_longer_plausible(glidin
     information = information_of(task, model, estimate.fits[0].horizons)
     expected = np.sqrt(2.0 * LARGEST_MOVE_RISE / information)
     moves = plausible_moves(fit, np.full(4, 2.0 * expected))
-    # Seven bisections leave less than 2 % of it.
-    assert moves[E, 0] == pytest.approx(expected, rel=0.02)
+    assert expected / (1.0 + MOVE_TOLERANCE) <= moves[E, 0] <= expected * (1.0 + 1e-6)
     assert moves[E, 1] > 0.45
     # What has no effect can be moved to its bounds.
     unit = estimate.unit[:E]

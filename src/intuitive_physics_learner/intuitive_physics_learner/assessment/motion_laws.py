@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
+from scipy.special import chdtrc, chdtri, log_ndtr
 
 from intuitive_physics_learner.assessment.reasons import Reason
 from intuitive_physics_learner.assessment.tracks import Track
@@ -84,10 +84,10 @@ def flight_violation(track: Track) -> Violation | None:
         if starts.size == 0:
             continue
         losses = flight_losses(track, starts, count)
-        log_p = chi2.logsf(losses, 3 * (count - 3))
+        log_p = _log_chi2_tail(losses, 3 * (count - 3))
         if count >= IMPULSE_POINTS:
             gains = losses - flight_losses(track, starts, count, impulse=True)
-            log_p = np.minimum(log_p, chi2.logsf(gains, 3))
+            log_p = np.minimum(log_p, _log_chi2_tail(gains, 3))
         # Two tests, and as many ways to leave out the worst point as there are points.
         log_ps.append(log_p + np.log(2.0 * count))
         begins.append(track.times[starts])
@@ -97,6 +97,12 @@ def flight_violation(track: Track) -> Violation | None:
     return violations_of(
         np.concatenate(log_ps), np.concatenate(begins), np.concatenate(ends), Reason.NOT_FREE
     )
+
+
+def _log_chi2_tail(values: NDArray[np.float64], freedom: int) -> NDArray[np.float64]:
+    """Return what `scipy.stats.chi2.logsf` does, in a fifth of its time for some hundred values."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(chdtrc(freedom, values)))
 
 
 def free_intervals(track: Track) -> NDArray[np.bool_]:
@@ -135,24 +141,26 @@ def flight_losses(
     whitening = track.whitening[index]
     places = track.positions[index] - 0.5 * track.gravity * times[..., None] ** 2
     places = places - places.mean(axis=1, keepdims=True)
-    whitened = np.einsum("wlij,wlj->wli", whitening, places)
+    whitened = (whitening @ places[..., None])[..., 0]
     columns = [np.ones_like(times), times, 0.5 * times**2]
     if impulse:
         columns.append(np.abs(times))
     basis = np.stack(columns, axis=-1)
-    design = np.einsum("wlij,wlb->wlibj", whitening, basis).reshape(
+    # Products of matrices (…, 3, 3 b) of each point, and of all points of a window below another.
+    design = (whitening[..., None, :] * basis[..., None, :, None]).reshape(
         len(starts), count, 3, 3 * len(columns)
     )
+    every = design.reshape(len(starts), 3 * count, 3 * len(columns))
     spread = AIR_ACCELERATION if track.in_air else FLIGHT_ACCELERATION
     prior = np.diag(np.repeat([0.0, 0.0, spread**-2, 0.0][: len(columns)], 3))
-    inverse = np.linalg.inv(np.einsum("wlip,wliq->wpq", design, design) + prior)
-    projected = np.einsum("wlip,wli->wp", design, whitened)
-    solution = np.einsum("wpq,wq->wp", inverse, projected)
-    residuals = whitened - np.einsum("wlip,wp->wli", design, solution)
-    losses = (whitened**2).sum(axis=(1, 2)) - (projected * solution).sum(axis=1)
+    inverse = np.linalg.inv(every.swapaxes(1, 2) @ every + prior)
+    projected = every.swapaxes(1, 2) @ whitened.reshape(len(starts), -1, 1)
+    solution = inverse @ projected
+    residuals = whitened - (every @ solution).reshape(whitened.shape)
+    losses = (whitened**2).sum(axis=(1, 2)) - (projected * solution).sum(axis=(1, 2))
     # Without a point, the loss is less by rᵀ (1 - H)⁻¹ r, H its own block of the hat matrix.
-    left = np.eye(3) - np.einsum("wlip,wpq,wljq->wlij", design, inverse, design, optimize=True)
-    gains = np.einsum("wli,wli->wl", residuals, np.linalg.solve(left, residuals[..., None])[..., 0])
+    left = np.eye(3) - design @ inverse[:, None] @ design.swapaxes(2, 3)
+    gains = (residuals * np.linalg.solve(left, residuals[..., None])[..., 0]).sum(axis=2)
     return np.maximum(losses - gains.max(axis=1, initial=0.0), 0.0)
 
 
@@ -173,7 +181,7 @@ def jump_violation(track: Track) -> Violation | None:
     away = np.min([_away(track, places + a, places + b, bent) for a, b in JUMP_ENDS], axis=0)
     near = track.times[places + 2] - track.times[places - 1] <= JUMP_DURATION
     return violations_of(
-        chi2.logsf(away[near] ** 2, 3),
+        _log_chi2_tail(away[near] ** 2, 3),
         track.times[places[near]],
         track.times[places[near] + 1],
         Reason.MISTRACKED,
@@ -209,7 +217,7 @@ def _steady(values: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[
     """Return whether points (w, l, d), in m, scatter by their noise (w, l) alone, (w,)."""
     off = (values - values.mean(axis=1, keepdims=True)) / noise[..., None]
     freedom = values.shape[2] * (values.shape[1] - 1)
-    return np.asarray((off**2).sum(axis=(1, 2)) <= chi2.isf(STEADY_P, freedom))
+    return np.asarray((off**2).sum(axis=(1, 2)) <= chdtri(freedom, STEADY_P))
 
 
 def rest_violation(track: Track) -> Violation | None:
@@ -231,7 +239,7 @@ def rest_violation(track: Track) -> Violation | None:
     scores = np.maximum(off, 0.0) / np.sqrt((noise**2).mean(axis=1) / count)
     begins = track.times[index[:, 0]]
     return violations_of(
-        (norm.logsf(scores) + np.log(2.0))[where],
+        (log_ndtr(-scores) + np.log(2.0))[where],
         (begins - HOLD_DURATION)[where],
         begins[where],
         Reason.HELD,

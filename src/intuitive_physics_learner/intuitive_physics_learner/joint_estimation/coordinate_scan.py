@@ -64,15 +64,13 @@ def scanned_states(
     candidates: Sequence[StaticParameters],
     index: NDArray[np.int64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Fit the initial states of a block to each level of each of its parameters.
+    """Fit the initial states of a block to each of some θ_s.
 
-    `index` (n, n_levels) of the candidate that gives each parameter each level. Returns `estimates`
-    (q * n_levels, W, d) deviations from the observed initial states, in SI units, the levels of one
-    parameter after those of the other; `residuals` (q * n_levels, W, P, 3) m.
+    `index` (c, W) of the candidate that is tried for each observation. Returns `estimates`
+    (c, W, d) deviations from the observed initial states, in SI units; `residuals` (c, W, P, 3) m.
     """
     estimate, until = fits.estimate, fits.horizons
     count, d = estimate.shape
-    index = index[block.parameters].reshape(count, -1).T
     tried = np.broadcast_to(estimate, (len(index), count, d))
     residuals = residuals_at(cost, block, tried, candidates, index, until)
     at_estimate = replace(linear, slopes=linear.slopes[:, :d])
@@ -99,14 +97,16 @@ def scanned(
     linear: Sequence[Linearisation],
     levels: ArrayLike,
     weights: NDArray[np.float64],
+    asked: NDArray[np.bool_] | None = None,
 ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
     """Try each parameter at each level.
 
     `levels` (n_levels,) places on the unit interval, or (n, n_levels) of each parameter;
-    `weights` (n_observations,) of the observations. Returns `rises` (n, n_levels) change of the
-    loss, without a unit, of the prior and of the observations that each parameter influences;
-    `fitted` (q, n_levels, W, d) of each block, deviations from the observed initial states, in
-    SI units, fitted to the levels.
+    `weights` (n_observations,) of the observations; `asked` (n,) which parameters are tried; None:
+    all. Returns `rises` (n, n_levels) change of the loss, without a unit, of the prior and of the
+    observations that each parameter influences, for those that are tried; `fitted`
+    (q, n_levels, W, d) of each block, deviations from the observed initial states, in SI units,
+    fitted to the levels of its parameters, or of those of them that are tried.
     """
     each = np.broadcast_to(levels, (estimate.unit.size, np.shape(levels)[-1]))
     candidates, index = scan_candidates(estimate.unit, model.groups, model.space, each)
@@ -114,22 +114,38 @@ def scanned(
     rises = model.prior.scores(estimate.unit)[:, None] * away
     rises += 0.5 * np.diag(model.prior.precision)[:, None] * away**2
     parts, fitted = list(model.parts(estimate)), []
+    tried = [tried_parameters(block.parameters, asked) for block, _ in parts]
 
     def scanned_block(k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return scanned_states(model.cost, *parts[k], linear[k], candidates, index)
+        of_parameters = index[tried[k][0]].reshape(len(tried[k][0]), -1).T
+        return scanned_states(model.cost, *parts[k], linear[k], candidates, of_parameters)
 
-    for (block, part), slopes, (states, residuals) in zip(
-        parts, linear, model.of_blocks(scanned_block), strict=True
+    for (block, part), slopes, (parameters, counts), (states, residuals) in zip(
+        parts, linear, tried, model.of_blocks(scanned_block), strict=True
     ):
         model.count(block, part.horizons, 2 * len(states))
-        parameters = block.parameters.shape[1]
         present = part.estimate[None], slopes.residuals[None]
         here = part.losses(block, *present)
         there = weights[block.members] * (part.losses(block, states, residuals) - here)
-        by_level = there.T.reshape(*block.parameters.shape, each.shape[1])
-        np.add.at(rises, block.parameters, by_level)
-        fitted.append(states.reshape(parameters, each.shape[1], *part.estimate.shape))
+        by_level = there.T.reshape(*parameters.shape, each.shape[1])
+        np.add.at(rises, parameters, by_level * counts[..., None])
+        fitted.append(states.reshape(parameters.shape[1], each.shape[1], *part.estimate.shape))
     return rises, fitted
+
+
+def tried_parameters(
+    parameters: NDArray[np.int64], asked: NDArray[np.bool_] | None
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Choose those of the parameters (W, q) of observations that are tried.
+
+    `asked` (n,) which are; None: all. Returns (W, k) parameters, as many for each observation as
+    one has at most and one at least, and (W, k) which of them count: the others fill up.
+    """
+    if asked is None:
+        return parameters, np.ones(parameters.shape, dtype=bool)
+    counts = asked[parameters]
+    first = np.argsort(~counts, axis=1, kind="stable")[:, : counts.sum(axis=1).max(initial=1)]
+    return np.take_along_axis(parameters, first, axis=1), np.take_along_axis(counts, first, axis=1)
 
 
 def compatible_moves(

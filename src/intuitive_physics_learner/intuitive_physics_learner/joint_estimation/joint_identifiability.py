@@ -49,8 +49,11 @@ CURVATURE_WIDENING = 3.0
 hand."""
 
 MOVE_ROUNDS = 8
-"""Rounds of moving a parameter outwards from the estimate, and of bisecting the end; set by
-hand."""
+"""Rounds of moving a parameter outwards from the estimate, and of bisecting the end, at most; set
+by hand."""
+
+MOVE_TOLERANCE = 0.1
+"""Part of a move by which its end may be farther than it was followed; set by hand."""
 
 USUAL_ROUNDS = 2
 """Rounds that are usually made: most often no parameter is bound to one side only."""
@@ -156,7 +159,8 @@ def plausible_moves(fit: JointFit, first: NDArray[np.float64]) -> NDArray[np.flo
 
     `first` (n,) widths, the first move to each side; a parameter that can be moved by it to no
     side, or that its bounds leave no room for it, is not looked at further. Returns (n, 2) widths
-    down and up, 0 for parameters that are not looked at further.
+    down and up, short of the ends by `MOVE_TOLERANCE` of the move at most, or by that part of the
+    first move where an end is as near; 0 for parameters that are not looked at further.
     """
     model, estimate, unit = fit.model, fit.estimate, fit.unit
     linear = model.linearised(estimate, CURVATURE_WIDENING)
@@ -164,17 +168,20 @@ def plausible_moves(fit: JointFit, first: NDArray[np.float64]) -> NDArray[np.flo
     inner, outer = np.zeros_like(room), np.full_like(room, np.inf)
     moves = np.minimum(first[:, None], room)
     asked = first < room.max(axis=1)
+    going_on = asked.copy()
     for _ in range(MOVE_ROUNDS):
+        if not going_on.any():
+            break
         away = moves * (-1.0, 1.0)
-        rises, _ = scanned(model, estimate, linear, unit[:, None] + away, fit.weights)
+        rises, _ = scanned(model, estimate, linear, unit[:, None] + away, fit.weights, going_on)
         from_mean = (unit - fit.prior.mean)[:, None]
         rises -= UNIFORM_PRECISION * (from_mean * away + 0.5 * away**2)
         plausible = rises < LARGEST_MOVE_RISE
-        inner = np.where(plausible, moves, inner)
-        outer = np.where(plausible, outer, moves)
+        inner = np.where(going_on[:, None] & plausible, moves, inner)
+        outer = np.where(going_on[:, None] & ~plausible, moves, outer)
         asked &= (inner > 0.0).any(axis=1)
-        if not asked.any():
-            break
+        near = np.maximum((1.0 + MOVE_TOLERANCE) * inner, MOVE_TOLERANCE * first[:, None])
+        going_on = asked & (np.minimum(outer, room) > near).any(axis=1)
         outwards = np.minimum(MOVE_GROWTH * moves, room)
         moves = np.where(np.isinf(outer), outwards, 0.5 * (inner + outer))
     return np.where(asked[:, None], inner, 0.0)

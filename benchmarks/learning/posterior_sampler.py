@@ -32,8 +32,8 @@ from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner import LearningOptions, TrajectoryCost, learn
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.joint_search import JointSearch
 from intuitive_physics_learner.joint_estimation.linearisation import residuals_at
+from intuitive_physics_learner.joint_search.joint_search import JointSearch
 from intuitive_physics_learner.search.learning_task import LearningTask
 
 WALKERS = 200  # at least twice the 49 dimensions

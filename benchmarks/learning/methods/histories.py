@@ -19,7 +19,7 @@ from intuitive_physics_learner import (
 )
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.wrapped_costs import CachedCost
-from intuitive_physics_learner.joint_estimation import JointSearch
+from intuitive_physics_learner.joint_search import JointSearch
 from intuitive_physics_learner.search.learning_task import LearningTask
 
 

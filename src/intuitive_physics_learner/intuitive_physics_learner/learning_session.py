@@ -27,11 +27,11 @@ from intuitive_physics_learner.assessment import assess_observations, reassessed
 from intuitive_physics_learner.assessment.undisturbed_motion import undisturbed_misfits
 from intuitive_physics_learner.cost.cost_function import Cost, MakeCost, TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.cost.point_noise import detected
 from intuitive_physics_learner.cost.wrapped_costs import InterruptibleCost
 from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
 from intuitive_physics_learner.given_parameters import check_within_bounds
-from intuitive_physics_learner.joint_estimation.joint_search import JointSearch
-from intuitive_physics_learner.joint_estimation.point_noise import detected
+from intuitive_physics_learner.joint_search.joint_search import JointSearch
 from intuitive_physics_learner.methods import (
     DEFAULT_METHOD,
     JOINT_METHOD,

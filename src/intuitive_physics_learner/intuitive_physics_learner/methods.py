@@ -10,7 +10,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.trajectory import MEAN_DISTANCE
 from intuitive_physics_learner.cost.wrapped_costs import CachedCost
 from intuitive_physics_learner.errors import UnknownMethodError
-from intuitive_physics_learner.joint_estimation import JointSearch
+from intuitive_physics_learner.joint_search import JointSearch
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.parameter_search import ParameterSearch, Search
 from intuitive_physics_learner.search.update_rules import ALL_RULES, make_update_rule

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from intuitive_physics_learner.joint_estimation import cost_descent
-from intuitive_physics_learner.joint_estimation.cost_descent import CostDescent
+from intuitive_physics_learner.joint_search import cost_descent
+from intuitive_physics_learner.joint_search.cost_descent import CostDescent
 
 
 def descent_of(task, seed=0):

@@ -8,14 +8,6 @@ import pytest
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings, normal_equations
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.joint_identifiability import (
-    LARGEST_MOVE_RISE,
-    MOVE_TOLERANCE,
-    curvature_posterior,
-    curvature_simulations,
-    move_simulations,
-    plausible_moves,
-)
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     NormalEquations,
@@ -24,6 +16,14 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
 from intuitive_physics_learner.joint_estimation.observation_blocks import (
     PRIOR_WIDENING,
     observation_blocks,
+)
+from intuitive_physics_learner.joint_search.joint_identifiability import (
+    LARGEST_MOVE_RISE,
+    MOVE_TOLERANCE,
+    curvature_posterior,
+    curvature_simulations,
+    move_simulations,
+    plausible_moves,
 )
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.identifiability import ONE_SIDED_DEVIATIONS

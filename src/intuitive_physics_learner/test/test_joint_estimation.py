@@ -13,12 +13,7 @@ from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, TrajectoryCost, learn
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.joint_estimation import JointSearch
-from intuitive_physics_learner.joint_estimation.joint_identifiability import (
-    agreed_deviations,
-    balanced_half,
-    joint_identifiability,
-)
+from intuitive_physics_learner.cost.point_noise import position_noise
 from intuitive_physics_learner.joint_estimation.linearisation import separate_groups
 from intuitive_physics_learner.joint_estimation.normal_equations import bounded_step
 from intuitive_physics_learner.joint_estimation.observation_blocks import (
@@ -26,8 +21,13 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     InitialStateDeviations,
     InitialStates,
 )
-from intuitive_physics_learner.joint_estimation.point_noise import position_noise
-from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
+from intuitive_physics_learner.joint_estimation.order_of_fits import StagedFit
+from intuitive_physics_learner.joint_search import JointSearch
+from intuitive_physics_learner.joint_search.joint_identifiability import (
+    agreed_deviations,
+    balanced_half,
+    joint_identifiability,
+)
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import LearningTask

@@ -12,12 +12,12 @@ from intuitive_physics.scene import Environment, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
+from intuitive_physics_learner.cost.point_noise import detected, track_noises
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     NormalEquations,
     joint_posterior,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
-from intuitive_physics_learner.joint_estimation.point_noise import detected, track_noises
 from intuitive_physics_learner.search.gaussian import Gaussian
 
 G = np.array([0.0, 0.0, -9.81])

@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
 from intuitive_physics_learner import ConvergenceCriteria
-from intuitive_physics_learner.joint_estimation import JointEstimationSettings, several_starts
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings, order_of_fits
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
-from intuitive_physics_learner.joint_estimation.joint_search import FEWEST_FOR_STARTS, JointSearch
-from intuitive_physics_learner.joint_estimation.several_starts import (
+from intuitive_physics_learner.joint_estimation.order_of_fits import (
     DROP_STEPS,
     LEFT,
     STARTS,
@@ -21,6 +20,7 @@ from intuitive_physics_learner.joint_estimation.several_starts import (
     compared_evidences,
     drawn_starts,
 )
+from intuitive_physics_learner.joint_search.joint_search import FEWEST_FOR_STARTS, JointSearch
 from intuitive_physics_learner.search.gaussian import Gaussian
 
 E = 3
@@ -135,7 +135,7 @@ def stated(monkeypatch):
     def stated_evidences(task, fit, horizons, steps=0):
         return fit.evidences, 0.0
 
-    monkeypatch.setattr(several_starts, "log_evidences", stated_evidences)
+    monkeypatch.setattr(order_of_fits, "log_evidences", stated_evidences)
     return lambda *evidences: SimpleNamespace(
         evidences=np.array(evidences), observation_fits=lambda: [SimpleNamespace(horizon=1.0)]
     )
@@ -155,7 +155,7 @@ def test_no_fit_has_the_advantage_of_its_own_horizon(stated, monkeypatch):
     first, second = stated(0.0, 0.0, 0.0), stated(-1.0, -1.0, -1.0)
     ahead = {1.0: 0.0, 1.5: 9.0}
     monkeypatch.setattr(
-        several_starts,
+        order_of_fits,
         "log_evidences",
         lambda task, fit, horizons, steps: (
             fit.evidences - (fit is first) * ahead[horizons[0]],
@@ -173,7 +173,7 @@ def test_votes_are_bounded_and_the_difference_of_two_is_clipped(drawn):
         fit.evidences = np.array(evidences)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            several_starts, "log_evidences", lambda task, fit, horizons, steps: (fit.evidences, 0.0)
+            order_of_fits, "log_evidences", lambda task, fit, horizons, steps: (fit.evidences, 0.0)
         )
         compared = compared_evidences(None, made)
         first = compared_evidences(None, made[:2])

@@ -13,6 +13,12 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins, SpinSpread
+from intuitive_physics.prior_knowledge.spin_evidence import (
+    GRID,
+    SpinEvidence,
+    SpinLikelihood,
+    UnknownSpin,
+)
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
@@ -23,12 +29,6 @@ from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimation
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     NormalEquations,
     joint_posterior,
-)
-from intuitive_physics_learner.joint_estimation.spin_evidence import (
-    GRID,
-    SpinEvidence,
-    SpinLikelihood,
-    UnknownSpin,
 )
 from intuitive_physics_learner.learning_session import _begin
 from intuitive_physics_learner.methods import JOINT_METHOD

@@ -20,7 +20,7 @@ from intuitive_physics_learner.cost.parameter_influence import parameter_influen
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.fit_horizons import RETREAT
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.spin_search import other_spins
+from intuitive_physics_learner.joint_estimation.scans import other_spins
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
 from intuitive_physics_learner.search.learning_task import LearningTask
 

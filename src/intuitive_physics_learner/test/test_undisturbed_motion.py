@@ -20,7 +20,7 @@ from intuitive_physics_learner.assessment.undisturbed_motion import (
     undisturbed_misfits,
 )
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.joint_estimation.joint_search import JointSearch
+from intuitive_physics_learner.joint_search.joint_search import JointSearch
 from intuitive_physics_learner.search.learning_task import LearningTask
 
 MATERIALS = ("thing", "floor")

@@ -12,7 +12,7 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation
 from intuitive_physics.scene import Environment
 from intuitive_physics.simulation import Simulator
-from intuitive_physics_learner.joint_estimation.point_noise import TrackNoise, track_noises
+from intuitive_physics_learner.cost.point_noise import TrackNoise, track_noises
 from intuitive_physics_predictor.estimation.weighted_states import WeightedStates
 from intuitive_physics_predictor.noise import StateNoise
 from intuitive_physics_predictor.noisy_newton import PreparedScene, predict_sampled

@@ -30,7 +30,7 @@ from intuitive_physics_experiments.flight_fits import (
     flight_length,
     with_known_rotation,
 )
-from intuitive_physics_learner.joint_estimation.point_noise import detected
+from intuitive_physics_learner.cost.point_noise import detected
 from intuitive_physics_learner.learning_session import LearningOptions, learn
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria, SearchProgress
 from intuitive_physics_predictor.scores.noise_fit import FITTED_SCALES

@@ -37,7 +37,7 @@ from intuitive_physics_learner.assessment.motion_laws import (
 )
 from intuitive_physics_learner.assessment.reasons import Reason
 from intuitive_physics_learner.assessment.tracks import tracks_of
-from intuitive_physics_learner.joint_estimation.point_noise import detected, track_noises
+from intuitive_physics_learner.cost.point_noise import detected, track_noises
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
 
 LEAST_POINTS = 3

@@ -17,9 +17,8 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics.validation import finite_array
 from intuitive_physics_learner.cost.packed_observations import times_after_start
 from intuitive_physics_learner.cost.parameter_influence import influence_on_worlds
+from intuitive_physics_learner.cost.point_noise import SMALLEST_NOISE, position_noise
 from intuitive_physics_learner.errors import NoObservationsError
-from intuitive_physics_learner.joint_estimation.point_noise import position_noise
-from intuitive_physics_learner.search.identifiability import SMALLEST_NOISE
 
 ATTEMPTS = 50
 """Draws of all candidates at most until enough of them are valid."""

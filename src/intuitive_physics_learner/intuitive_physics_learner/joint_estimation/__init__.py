@@ -5,13 +5,13 @@ that was measured from three noisy points moves a trajectory by metres. Given θ
 depend on nothing in common, so their initial states are eliminated one observation at a time (as
 points are in bundle adjustment) and what is left is a small problem in θ_s.
 
-`docs/method/joint_estimation.md` derives it; its sections are the modules here, from the points
-(`observation_blocks`, `point_noise`) over a step (`linearisation`, `normal_equations`, `joint_fit`)
-to the order of fits (`staged_fit`, `several_starts`, `joint_search`) and what they have determined
-(`joint_identifiability`).
+`docs/method/joint_estimation.md` derives it; its sections are the modules here: from the unknowns
+and points (`observation_blocks`) over their slopes (`linearisation`), the elimination
+(`normal_equations`), how far trajectories are fitted (`fit_horizons`) and all of these at one
+estimate (`trajectory_model`) to what leaves local optima (`scans`), a step (`joint_fit`), and which
+fits are made (`order_of_fits`).
 """
 
 from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings
-from intuitive_physics_learner.joint_estimation.joint_search import JointSearch
 
-__all__ = ["JointEstimationSettings", "JointSearch"]
+__all__ = ["JointEstimationSettings"]

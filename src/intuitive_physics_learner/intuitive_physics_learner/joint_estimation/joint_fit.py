@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics.settings import check_settings, number, other
-from intuitive_physics_learner.joint_estimation.coordinate_scan import (
-    SCAN_LEVELS,
-    compatible_moves,
-    scanned,
+from intuitive_physics.prior_knowledge.spin_evidence import (
+    SpinEvidence,
+    SpinLikelihood,
 )
+from intuitive_physics.settings import check_settings, number, other
 from intuitive_physics_learner.joint_estimation.fit_horizons import advanced_horizons
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
 from intuitive_physics_learner.joint_estimation.normal_equations import (
@@ -28,11 +27,12 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
     reduced_equations,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
-from intuitive_physics_learner.joint_estimation.spin_evidence import (
-    SpinEvidence,
-    SpinLikelihood,
+from intuitive_physics_learner.joint_estimation.scans import (
+    SCAN_LEVELS,
+    compatible_moves,
+    other_spins,
+    scanned,
 )
-from intuitive_physics_learner.joint_estimation.spin_search import other_spins
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask

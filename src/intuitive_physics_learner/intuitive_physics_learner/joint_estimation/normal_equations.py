@@ -24,9 +24,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.prior_knowledge.spin_evidence import SpinLikelihood
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
-from intuitive_physics_learner.joint_estimation.spin_evidence import SpinLikelihood
 from intuitive_physics_learner.search.gaussian import Gaussian
 
 OUTLIER_LENGTH = 3.0

@@ -13,8 +13,8 @@ from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import LINEAR_VELOCITY, POSITION, ROTATION
 from intuitive_physics_learner.cost.packed_observations import times_after_start
+from intuitive_physics_learner.cost.point_noise import TrackNoise, track_noises
 from intuitive_physics_learner.cost.trials import resting
-from intuitive_physics_learner.joint_estimation.point_noise import TrackNoise, track_noises
 
 LARGEST_BLOCK = 16
 """Largest number of observations that one thread works on together."""

@@ -10,6 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
+from intuitive_physics.prior_knowledge.spin_evidence import (
+    SpinLikelihood,
+    unknown_spins,
+)
 from intuitive_physics.simulation.shares import mapped_in_shares
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     TrajectoryFits,
@@ -30,10 +34,6 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
 from intuitive_physics_learner.joint_estimation.observation_blocks import (
     ObservationBlock,
     observation_blocks,
-)
-from intuitive_physics_learner.joint_estimation.spin_evidence import (
-    SpinLikelihood,
-    unknown_spins,
 )
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask

@@ -16,10 +16,10 @@ from intuitive_physics.errors import UnsupportedSceneError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.observation import Observation
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
+from intuitive_physics.prior_knowledge.spin_evidence import SpinEvidence
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
-from intuitive_physics_learner.joint_estimation.point_noise import detected
-from intuitive_physics_learner.joint_estimation.spin_evidence import SpinEvidence
+from intuitive_physics_learner.cost.point_noise import detected
 from intuitive_physics_learner.online.change_point import forget_what_changed
 from intuitive_physics_learner.online.doubt import (
     Examined,

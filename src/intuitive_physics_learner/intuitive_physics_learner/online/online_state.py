@@ -21,13 +21,13 @@ from intuitive_physics.materials import (
 from intuitive_physics.observation import Observation
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, ParameterSpace, parameter_vector
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, ObservationFit
-from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
-from intuitive_physics_learner.joint_estimation.spin_evidence import (
+from intuitive_physics.prior_knowledge.spin_evidence import (
     SpinEvidence,
     SpinLikelihood,
 )
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, ObservationFit
+from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
 from intuitive_physics_learner.online.encoding import decoded, encoded
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector

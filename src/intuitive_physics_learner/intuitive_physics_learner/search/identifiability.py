@@ -18,6 +18,7 @@ from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRE
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE, Cost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.cost.point_noise import SMALLEST_NOISE
 from intuitive_physics_learner.cost.trials import Trials
 from intuitive_physics_learner.cost.wrapped_costs import CachedCost
 from intuitive_physics_learner.search.one_sided_intervals import (
@@ -37,10 +38,6 @@ contacts; set by hand."""
 
 RESPONSE_THRESHOLD = 2.0
 """Standard errors of J by which it must rise to respond to a parameter."""
-
-SMALLEST_NOISE = 1e-4
-"""Smallest noise of an observed position or of a residual, m: no camera measures better, and what
-is divided by it stays well conditioned."""
 
 ONE_SIDED_DEVIATIONS = 2.0
 """Distance, in those of a uniform distribution with the parameter's standard deviation, beyond

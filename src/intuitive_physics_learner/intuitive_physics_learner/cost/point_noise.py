@@ -27,7 +27,10 @@ from intuitive_physics.geometry.path_differences import difference_weights, path
 from intuitive_physics.observation import Detections, Observation, ObservedObject
 from intuitive_physics.state import POSITION
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_learner.search.identifiability import SMALLEST_NOISE
+
+SMALLEST_NOISE = 1e-4
+"""Smallest noise of an observed position or of a residual, m: no camera measures better, and what
+is divided by it stays well conditioned."""
 
 POOLED_DIFFERENCES = 20.0
 """Differences as which the noise of all tracks counts beside a track's own: the median of as many

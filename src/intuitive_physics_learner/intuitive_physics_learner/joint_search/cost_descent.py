@@ -16,11 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_learner.joint_estimation.coordinate_scan import (
-    SCAN_LEVELS,
-    compatible_moves,
-    scan_candidates,
-)
 from intuitive_physics_learner.joint_estimation.linearisation import (
     Linearisation,
     ParameterSteps,
@@ -36,6 +31,11 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
 from intuitive_physics_learner.joint_estimation.observation_blocks import (
     ObservationBlock,
     observation_blocks,
+)
+from intuitive_physics_learner.joint_estimation.scans import (
+    SCAN_LEVELS,
+    compatible_moves,
+    scan_candidates,
 )
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask

@@ -2,7 +2,7 @@
 
 Slopes at an estimate say how well the data hold it there, not whether it settled beside a better
 one, as fits to chaotic motion may. What fits from other starts that explain the observations as
-well differ by is added (`several_starts`). But all fits to the same observations have errors in
+well differ by is added (`order_of_fits`). But all fits to the same observations have errors in
 common, so half of the observations is fitted as well, from where the best fit began. Were all
 slopes right and the other half as informative, the estimate u would be the mean of the estimates a
 and b of both halves, which share no observation, and a - u = (a - b) / 2 have the variance
@@ -29,10 +29,10 @@ from numpy.typing import NDArray
 
 from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRECISION
 from intuitive_physics.parameter_space import parameter_vector
-from intuitive_physics_learner.joint_estimation.coordinate_scan import scanned
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.normal_equations import reduced_equations
-from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
+from intuitive_physics_learner.joint_estimation.order_of_fits import StagedFit
+from intuitive_physics_learner.joint_estimation.scans import scanned
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.identifiability import (
     ONE_SIDED_DEVIATIONS,

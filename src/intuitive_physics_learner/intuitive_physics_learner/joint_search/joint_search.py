@@ -11,15 +11,19 @@ import numpy as np
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics_learner.joint_estimation.cost_descent import CostDescent
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.joint_identifiability import (
+from intuitive_physics_learner.joint_estimation.order_of_fits import (
+    LEFT,
+    STARTS,
+    StagedFit,
+    drawn_starts,
+)
+from intuitive_physics_learner.joint_search.cost_descent import CostDescent
+from intuitive_physics_learner.joint_search.joint_identifiability import (
     curvature_simulations,
     joint_identifiability,
     move_simulations,
 )
-from intuitive_physics_learner.joint_estimation.several_starts import LEFT, STARTS, drawn_starts
-from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 from intuitive_physics_learner.search.identifiability import Identifiability
 from intuitive_physics_learner.search.learning_task import LearningTask

@@ -8,14 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
-from intuitive_physics_learner.joint_estimation.coordinate_scan import (
-    SMALLEST_SCAN_GAIN,
-    compatible_moves,
-    scan_candidates,
-    scanned,
-    scanned_states,
-    tried_parameters,
-)
 from intuitive_physics_learner.joint_estimation.fit_horizons import TrajectoryFits
 from intuitive_physics_learner.joint_estimation.joint_fit import FIXED_HORIZONS, JointFit
 from intuitive_physics_learner.joint_estimation.linearisation import (
@@ -26,6 +18,14 @@ from intuitive_physics_learner.joint_estimation.linearisation import (
 from intuitive_physics_learner.joint_estimation.observation_blocks import (
     PRIOR_WIDENING,
     observation_blocks,
+)
+from intuitive_physics_learner.joint_estimation.scans import (
+    SMALLEST_SCAN_GAIN,
+    compatible_moves,
+    scan_candidates,
+    scanned,
+    scanned_states,
+    tried_parameters,
 )
 
 LEVELS = np.array([0.1, 0.5, 0.9])

@@ -92,6 +92,15 @@ def test_moves_end_where_the_loss_of_least_squares_is_no_longer_plausible(glidin
     np.testing.assert_allclose(moves[:E], np.stack([unit, 1.0 - unit], axis=1))
 
 
+def test_what_may_be_moved_to_its_bounds_is_moved_all_the_way(gliding_task):
+    fit = fit_of(gliding_task([0.5, 0.5], position_deviation=0.01))
+    unit = fit.estimate.unit
+    room = np.stack([unit, 1.0 - unit], axis=1)
+    # The first move ends nearer to the bounds than the end is looked for.
+    moves = plausible_moves(fit, (1.0 - 0.5 * MOVE_TOLERANCE) * room.max(axis=1))
+    np.testing.assert_array_equal(moves[:E], room[:E])
+
+
 def test_no_move_where_the_loss_is_a_parabola(gliding_task):
     task = gliding_task([0.5, 0.5, 0.5], position_deviation=0.01)
     fit = fit_of(task)

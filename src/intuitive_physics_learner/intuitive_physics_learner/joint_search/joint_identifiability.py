@@ -52,7 +52,7 @@ MOVE_ROUNDS = 8
 """Rounds of moving a parameter outwards from the estimate, and of bisecting the end, at most; set
 by hand."""
 
-MOVE_TOLERANCE = 0.1
+MOVE_TOLERANCE = 0.02
 """Part of a move by which its end may be farther than it was followed; set by hand."""
 
 USUAL_ROUNDS = 2
@@ -181,7 +181,7 @@ def plausible_moves(fit: JointFit, first: NDArray[np.float64]) -> NDArray[np.flo
         outer = np.where(going_on[:, None] & ~plausible, moves, outer)
         asked &= (inner > 0.0).any(axis=1)
         near = np.maximum((1.0 + MOVE_TOLERANCE) * inner, MOVE_TOLERANCE * first[:, None])
-        going_on = asked & (np.minimum(outer, room) > near).any(axis=1)
+        going_on = asked & ~((outer <= near) | (inner >= room)).all(axis=1)
         outwards = np.minimum(MOVE_GROWTH * moves, room)
         moves = np.where(np.isinf(outer), outwards, 0.5 * (inner + outer))
     return np.where(asked[:, None], inner, 0.0)

@@ -109,17 +109,21 @@ def processes_of(mark: str) -> list[str]:
 @pytest.mark.parametrize("busy", ["pass", "sum(range(10**12))"])
 def test_what_a_run_has_started_ends_with_it(number, busy):
     mark = uuid.uuid4().hex
-    run = python(RUN.format(busy=busy), environment={**os.environ, "CUT_OFF": mark})
-    run.wait_for("up", PATIENCE)
-    # The run, its watchdog, a busy loop, a shell and two that sleep, a stopped one, a forked one.
-    assert len(processes_of(mark)) >= 7
-    run.send_signal(number)
-    time.sleep(MOMENT)
-    assert processes_of(mark) == []
-    # A run that Python cannot interrupt is killed.
-    is_tidy = number == signal.SIGTERM and busy == "pass"
-    assert ("tidied" in run.output) is is_tidy
-    assert run.wait() == (143 if is_tidy else -signal.SIGKILL)
+    with python(RUN.format(busy=busy), environment={**os.environ, "CUT_OFF": mark}) as run:
+        run.wait_for("up", PATIENCE)
+        # The run, its watchdog, a busy loop, a shell and two that sleep, a stopped one, a forked
+        # one; the shell takes a moment to start its own.
+        end = time.monotonic() + PATIENCE
+        while len(processes_of(mark)) < 7 and time.monotonic() < end:
+            time.sleep(0.05)
+        assert len(processes_of(mark)) >= 7
+        run.send_signal(number)
+        time.sleep(MOMENT)
+        assert processes_of(mark) == []
+        # A run that Python cannot interrupt is killed.
+        is_tidy = number == signal.SIGTERM and busy == "pass"
+        assert ("tidied" in run.output) is is_tidy
+        assert run.wait() == (143 if is_tidy else -signal.SIGKILL)
 
 
 def test_a_child_that_is_forked_as_the_run_is_killed_ends():

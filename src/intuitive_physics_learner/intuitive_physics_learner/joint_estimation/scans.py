@@ -129,6 +129,7 @@ def scanned(
     rises = model.prior.scores(estimate.unit)[:, None] * away
     rises += 0.5 * np.diag(model.prior.precision)[:, None] * away**2
     parts, fitted = list(model.parts(estimate)), []
+    asked = np.ones(estimate.unit.size, dtype=bool) if asked is None else asked
     tried = [tried_parameters(block.parameters, asked) for block, _ in parts]
 
     def scanned_block(k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -149,15 +150,13 @@ def scanned(
 
 
 def tried_parameters(
-    parameters: NDArray[np.int64], asked: NDArray[np.bool_] | None
+    parameters: NDArray[np.int64], asked: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Choose those of the parameters (W, q) of observations that are tried.
 
-    `asked` (n,) which are; None: all. Returns (W, k) parameters, as many for each observation as
-    one has at most and one at least, and (W, k) which of them count: the others fill up.
+    `asked` (n,) which are. Returns (W, k) parameters, as many for each observation as one has at
+    most and one at least, and (W, k) which of them count: the others fill up.
     """
-    if asked is None:
-        return parameters, np.ones(parameters.shape, dtype=bool)
     counts = asked[parameters]
     first = np.argsort(~counts, axis=1, kind="stable")[:, : counts.sum(axis=1).max(initial=1)]
     return np.take_along_axis(parameters, first, axis=1), np.take_along_axis(counts, first, axis=1)

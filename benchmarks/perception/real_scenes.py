@@ -20,6 +20,8 @@ from intuitive_physics_experiments.rendering.depth_renderer import (
     ImageRegion,
     cast_sphere,
 )
+from intuitive_physics_perception.environment.environment_model import model_environment
+from intuitive_physics_perception.settings import PerceptionSettings
 
 RADII = (0.03, 0.05, 0.07)  # m, of the balls
 NEAREST, FARTHEST = 0.45, 3.2  # m, range of the balls' centres
@@ -29,8 +31,7 @@ NO_EDGE_FAULTS = DepthNoise()  # faults of the camera without those at edges
 # Faults of the camera for every second placement of balls
 EDGE_FAULTS = DepthNoise(fattening=1, flying=0.25)
 FRAME_TIME = 1.0 / 30.0  # s
-# (3,) m/s² in the sensor's frame, of throws: the camera looks down by 30°
-GRAVITY = 9.81 * np.array([0.0, np.cos(np.radians(30.0)), np.sin(np.radians(30.0))])
+GRAVITY = 9.81  # m/s², of throws
 # Random places that are tried for a ball before a scene counts as having no room for it
 ATTEMPTS = 400
 
@@ -70,6 +71,17 @@ class RealScene:
         part = (slice(None, None, 2), slice(None, None, 2))
         points = self.rays[part] * self.depth[part][..., None]
         return cKDTree(points[self.depth[part] > 0.0])
+
+    @cached_property
+    def gravity(self) -> NDArray[np.float64]:
+        """Gravity (3,) m/s² in the sensor's frame, from what the scene stands on.
+
+        With another one perception notices from flights that its support cannot be right, and
+        models the environment anew while balls are shown.
+        """
+        frame = self.rays * np.where(self.depth > 0.0, self.depth, np.nan)[..., None]
+        model = model_environment([frame], PerceptionSettings(), np.random.default_rng(0))
+        return -GRAVITY * model.rotation[2]
 
     def gap(self, ball: PlacedBall) -> float:
         """Return the distance from a ball to the nearest reading, in its radii."""
@@ -196,7 +208,9 @@ def throw_ball(scene: RealScene, rng: np.random.Generator, most: int) -> list[Pl
     flight = []
     for k in range(most):
         time = k * FRAME_TIME
-        ball = PlacedBall(start.center + time * velocity + 0.5 * time**2 * GRAVITY, start.radius)
+        ball = PlacedBall(
+            start.center + time * velocity + 0.5 * time**2 * scene.gravity, start.radius
+        )
         if not _in_range(ball) or scene.gap(ball) < 1.0 or not is_in_view(scene, [ball], 0.95):
             break
         flight.append(ball)

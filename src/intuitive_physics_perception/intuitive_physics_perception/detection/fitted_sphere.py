@@ -278,17 +278,20 @@ class SphereFitter:
         part: Part,
         start: Start,
         most_goes_on: float = NEW_GOES_ON,
+        *,
+        beside_others: bool = False,
     ) -> DetectedSphere | None:
         """Return the sphere that a start becomes on a part of a cluster; None where that is no
         object.
 
-        `most_goes_on`: part of the ring round its outline in which the cluster may go on at most.
+        `most_goes_on`: part of the ring round its outline in which the cluster may go on at most;
+        `beside_others`: whether what it touches may be other spheres, which are no readings of it.
         """
-        swept = self._swept(view, part, start)
+        swept = self._swept(view, part, start) if part.total else None
         begun = None if swept is None else self._begun(*swept)
         if begun is None:
             return None
-        if start.size_is_known:
+        if start.size_is_known or beside_others:
             return self._judged(begun, start, most_goes_on, self._touched(begun))
         sphere = self._judged(begun, start, most_goes_on, NO_SECTOR)
         if sphere is None or not (touched := self._touched(begun)).any():
@@ -523,12 +526,13 @@ def _may_be_object(outline: Outline, most_goes_on: float, *, is_object: bool) ->
     where nobody has looked, is most likely not, so it must end all round its outline and be seen as
     a whole.
     """
-    if outline.new is None or _is_new(outline) or (is_object and not _was_there(outline)):
+    if outline.new is None or _is_new(outline) or (is_object and not was_there(outline)):
         return outline.goes_on <= most_goes_on
     return stands_apart(outline)
 
 
-def _was_there(outline: Outline) -> bool:
+def was_there(outline: Outline) -> bool:
+    """Return whether most of a sphere lies where something was before."""
     return outline.known is not None and outline.known > 0.5
 
 
@@ -552,6 +556,6 @@ def stands_apart(outline: Outline) -> bool:
     return (
         alone
         and outline.level <= (CARRIED_LEVEL if outline.is_carried else STATIC_LEVEL)
-        and not (_was_there(outline) and outline.ends < STATIC_ENDS)
+        and not (was_there(outline) and outline.ends < STATIC_ENDS)
         and outline.visible >= STATIC_VISIBLE
     )

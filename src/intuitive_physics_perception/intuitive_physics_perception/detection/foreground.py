@@ -59,13 +59,19 @@ class Clusters:
     def in_a_row(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Indices (n,) of the points of all clusters, one after another, and where each begins in
         them, (number of clusters + 1,)."""
-        starts = np.cumsum([0, *map(len, self.indices)], dtype=np.int64)
-        return np.concatenate([np.zeros(0, dtype=np.int64), *self.indices]), starts
+        return in_a_row(self.indices)
 
     @property
     def unknown(self) -> int:
         """Number of points where nobody has looked before."""
         return 0 if self.marks is None else int(np.count_nonzero(self.marks == UNKNOWN))
+
+
+def in_a_row(parts: Sequence[NDArray[np.int64]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the indices (n,) of all parts, one after another, and where each part begins in them,
+    (number of parts + 1,)."""
+    starts = np.cumsum([0, *map(len, parts)], dtype=np.int64)
+    return np.concatenate([np.zeros(0, dtype=np.int64), *parts]), starts
 
 
 class ForegroundFinder:

@@ -25,14 +25,16 @@ from intuitive_physics_perception.detection.fitted_sphere import (
     STRAY_SIGMAS,
     SphereFitter,
     Start,
+    was_there,
 )
-from intuitive_physics_perception.detection.foreground import Clusters
+from intuitive_physics_perception.detection.foreground import Clusters, in_a_row
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.sphere_hypotheses import (
     SPHERES_IN_CLUSTER,
     Effort,
     SphereHypotheses,
 )
+from intuitive_physics_perception.detection.static_spheres import STATIC_SUCCESSES, StaticSpheres
 from intuitive_physics_perception.detection.swept_sphere import passing_way
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.settings import PerceptionSettings
@@ -44,10 +46,6 @@ TOUCHING_GOES_ON = 0.2
 """`NEW_GOES_ON` of a sphere that was found inside the outline of a cluster, where the other spheres
 of the cluster do not count: one more ball of its size covers 3 of 16 sectors, the finger that it
 may be the tip of 4 or 5."""
-
-STATIC_SUCCESSES = 0.8
-"""Part of the searches so far in which what was there when the environment was modelled must have
-been found to be a sphere; a ball is one in nearly all of them."""
 
 ROUND_OUTLINE = 0.7
 """Part that a cluster is of the disc as wide as it is from which on it may be a ball by its
@@ -133,6 +131,7 @@ class SphereFinder:
         noise = model.noise
         self._settings = settings
         self._memory: ClusterMemory[None] = ClusterMemory(MOVEMENT * settings.min_radius, noise)
+        self._static = StaticSpheres()
         self._lateral = noise.lateral
         self._fitter = SphereFitter(noise, settings, rng)
         self._hypotheses = SphereHypotheses(self._fitter, settings, rng)
@@ -141,6 +140,7 @@ class SphereFinder:
     def look_from(self, model: EnvironmentModel) -> None:
         """Take the same environment as the sensor sees it now."""
         self._memory.look_from(model.sensor_pose)
+        self._static.look_from(model.sensor_pose)
         self._fitter.look_from(model)
 
     def find(
@@ -162,7 +162,7 @@ class SphereFinder:
         had nearly all of the time. None has no end.
         """
         budget = budget or FrameBudget()
-        results = []
+        results, searched = [], []
         left = len(clusters.indices) if searches is None else searches
         flat = points.reshape(-1, 3)
         order, starts = clusters.in_a_row
@@ -198,6 +198,8 @@ class SphereFinder:
                 self._memory.postpone(memory)
                 continue
             has_begun |= is_search
+            if is_search:
+                searched.append(cluster)
             if inside.spheres or effort is Effort.RANDOM:
                 memory = memory.after_search(success=bool(inside.spheres))
             if inside.spheres:
@@ -211,7 +213,7 @@ class SphereFinder:
                 self._memory.postpone(memory, looked=is_search)
         budget.is_urgent = False
         self._memory.end_frame()
-        return results
+        return self._without_static(flat, searched, results)
 
     def find_expected(
         self, points: NDArray[np.float32], clusters: Clusters, start: Start
@@ -234,6 +236,28 @@ class SphereFinder:
             if detected is not None:
                 return detected
         return None
+
+    def _without_static(
+        self,
+        points: NDArray[np.float32],
+        searched: Sequence[NDArray[np.int64]],
+        results: Sequence[ClusterSpheres],
+    ) -> list[ClusterSpheres]:
+        """Results of a frame of points (n, 3) m without spheres that were there from the start and
+        are none in most frames; `searched`: clusters (n,) that were."""
+        places = self._static.spheres
+        near = reached_by(points, *in_a_row(searched), places).any(axis=0)
+        self._static.take(near, [sphere for part in results for sphere in part.spheres])
+        return [
+            ClusterSpheres(part.cluster, spheres, part.rest if spheres else 1.0)
+            for part in results
+            for spheres in [[sphere for sphere in part.spheres if self._may_be_ball(sphere)]]
+        ]
+
+    def _may_be_ball(self, sphere: DetectedSphere) -> bool:
+        """Whether a sphere has come, or was one in enough frames since it was first found."""
+        is_static = sphere.outline is not None and was_there(sphere.outline)
+        return not is_static or self._static.is_trusted(sphere)
 
     def _is_trusted(self, memory: RememberedCluster[None]) -> bool:
         """Whether what was there when the environment was modelled has been a sphere in enough
@@ -339,8 +363,8 @@ class SphereFinder:
                 return None
             tried = True
             part, start = hypothesis.part, hypothesis.start
-            if len(part.points) and part.total >= self._fewest(view, start.sphere):
-                sphere = self._fitter.fitted(view, part, start)
+            if part.total >= self._fewest(view, start.sphere):
+                sphere = self._fitter.fitted(view, part, start, beside_others=hypothesis.must_end)
                 if sphere is not None:
                     return Candidate(sphere, start, hypothesis.must_end)
         return None

@@ -191,15 +191,14 @@ def detect_planes(
         if plane is None:
             break
         free &= ~cloud.near(plane)
-        if not _bulges(cloud, plane, settings.max_radius):
+        if not _bulges(cloud.points[cloud.connected_parts(plane)[0]], plane, settings.max_radius):
             candidates.append(plane)
     merged = _apart(cloud, _merge(cloud, candidates, fixed), fixed)
-    smallest = SMALL_WIDTH * settings.max_radius
     planes = [
         detected
         for k, plane in enumerate(merged)
         for surface in surfaces(cloud, plane, [*merged[:k], *merged[k + 1 :]], needed)
-        if (detected := _detected(cloud, plane, surface, smallest)) is not None
+        if (detected := _detected(cloud, plane, surface, settings.max_radius)) is not None
     ]
     planes = _with_relief(cloud, planes, needed, merged[:fixed])
     planes.sort(key=lambda plane: -plane.support)
@@ -298,12 +297,11 @@ def least_squares_plane(
     return _facing_sensor(np.append(normal, normal @ centre))
 
 
-def _bulges(cloud: RangeCloud, plane: NDArray[np.float64], max_radius: float) -> bool:
-    """Whether the plane only cuts off a cap of something round.
+def _bulges(inliers: NDArray[np.float64], plane: NDArray[np.float64], max_radius: float) -> bool:
+    """Whether the plane (4,) only cuts off a cap of something round, of its points (n, 3) m.
 
     Where noise is large the tolerance takes in much of the near side of a ball.
     """
-    inliers = cloud.points[cloud.connected_parts(plane)[0]]
     first, second = plane_axes(plane[:3])
     across = (inliers - inliers.mean(axis=0)) @ np.stack([first, second], axis=1)
     a, b = across.T
@@ -364,19 +362,21 @@ def _apart(
 
 
 def _detected(
-    cloud: RangeCloud, plane: NDArray[np.float64], surface: NDArray[np.intp], smallest: float
+    cloud: RangeCloud, plane: NDArray[np.float64], surface: NDArray[np.intp], max_radius: float
 ) -> DetectedPlane | None:
     """The plane of a surface, None if it is no plane of a room.
 
     A small part of the scene that is not wide either may be the side of an object, or cut through
-    one: what moves must not be taken for it.
+    one: what moves must not be taken for it. Nor must a ball that a plane touches which something
+    else lies on.
     """
     normal, offset = plane[:3], float(plane[3])
     hull = _hull_on_plane(cloud.points[surface], normal, offset)
     if hull is None:
         return None
     width = np.linalg.norm(hull[:, None] - hull, axis=2).max()
-    if surface.size < SMALL_PART * len(cloud.points) and width < smallest:
+    is_small = surface.size < SMALL_PART * len(cloud.points) and width < SMALL_WIDTH * max_radius
+    if is_small or _bulges(cloud.points[surface], plane, max_radius):
         return None
     return DetectedPlane(normal, offset, hull, int(surface.size))
 

@@ -66,16 +66,11 @@ def with_static_boxes(
     were there before: what still stands as it did keeps its place and its id.
     """
     frame = np.ascontiguousarray(fused_frame(frames, MAX_EDGE_POINTS), dtype=np.float32)
-    clusters = ForegroundFinder(model, settings).find(frame)
-    objects = SphereFinder(model, settings, rng)
-    points = frame.reshape(-1, 3)
+    points, balls = frame.reshape(-1, 3), _places_of_spheres(model, frames, settings, rng)
     boxes: list[StaticBox] = []
-    for indices in clusters.indices:
-        (part,) = objects.find(frame, Clusters([indices], [False], indices.size, clusters.readings))
-        if part.spheres:
-            continue
+    for indices in ForegroundFinder(model, settings).find(frame).indices:
         box = _box_around(f"box_{len(boxes)}", model, points[indices], settings)
-        if box is not None:
+        if box is not None and not any(holds(box, place) for place in balls):
             boxes.append(_down_to_floor(box, model, points))
     if settings.solids_are_objects:
         boxes = _without_objects(boxes, model, frames, settings, rng)
@@ -107,6 +102,24 @@ def _difference(box: StaticBox, other: StaticBox) -> float:
     edges = np.sort(box.edge_lengths) - np.sort(other.edge_lengths)
     apart = max(np.linalg.norm(box.center - other.center), np.abs(edges).max())
     return float(apart / np.linalg.norm(other.edge_lengths))
+
+
+def _places_of_spheres(
+    model: EnvironmentModel,
+    frames: Sequence[NDArray[np.float32]],
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+) -> list[NDArray[np.float64]]:
+    """Means (3,) m of the clusters that hold a sphere, in the environment's frame.
+
+    All pixels count, or too few are left of a small ball far away.
+    """
+    frame = np.ascontiguousarray(fused_frame(frames, frames[0].size), dtype=np.float32)
+    clusters = ForegroundFinder(model, settings).find(frame)
+    parts = SphereFinder(model, settings, rng).find(frame, clusters)
+    points = frame.reshape(-1, 3)
+    middles = [points[part.cluster].mean(axis=0) for part in parts if part.spheres]
+    return [model.to_environment(middle) for middle in middles]
 
 
 def _without_objects(
@@ -286,7 +299,8 @@ class StaticBoxFilter:
         diagonals = 2.0 * np.linalg.norm(self._halves, axis=1)
         fills = (extents > FILLED_DIAGONAL * diagonals).any(axis=1)
         allowed = self._settings.min_points + STRAY_FRACTION * np.diff(starts)
-        kept = np.flatnonzero(~(fills & (out < allowed)))
+        there = fills & (out < allowed) & ~np.array(clusters.new, dtype=bool)
+        kept = np.flatnonzero(~there)
         return replace(
             clusters,
             indices=[clusters.indices[k] for k in kept],

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from intuitive_physics_perception.detection.cluster_view import ClusterView
 from intuitive_physics_perception.detection.detections import DetectedSphere
+from intuitive_physics_perception.detection.fitted_sphere import SphereFitter, Start
 from intuitive_physics_perception.detection.foreground import ForegroundFinder, neighbour_labels
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.solids import SolidFinder, all_objects
@@ -267,6 +269,20 @@ def test_a_ball_in_a_hand_s_fingers_is_one(find, shapes) -> None:
     ((place, sphere),) = find([(ball, 0.05)], fingers)
     assert place == pytest.approx(ball, abs=0.006)
     assert sphere.radius == pytest.approx(0.05, abs=0.004)
+
+
+def test_no_reading_makes_no_sphere(corner_model) -> None:
+    """As where all that is near a sphere lies on the others of its cluster."""
+    room, model = corner_model
+    points = room.points([((1.5, 0.0, 0.3), 0.05)])
+    (cluster,) = ForegroundFinder(model, SETTINGS).find(points).indices
+    fitter = SphereFitter(model.noise, SETTINGS, np.random.default_rng(0))
+    fitter.look_from(model)
+    start = Start(np.append(room.to_camera([1.5, 0.0, 0.3]), 0.05))
+    readings = points.reshape(-1, 3)[cluster].astype(float)
+    view = ClusterView(points, cluster)
+    assert fitter.fitted(view, fitter.part_near(readings, start), start) is not None
+    assert fitter.fitted(view, fitter.part_near(readings[:0], start), start) is None
 
 
 def test_an_empty_scene_has_no_spheres(find) -> None:

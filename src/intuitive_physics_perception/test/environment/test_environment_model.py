@@ -227,6 +227,22 @@ def test_a_scene_without_planes_is_refused(rng) -> None:
         model_environment([np.full((4, 4, 3), np.nan, np.float32)], SETTINGS, rng)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_plane_that_touches_a_ball_elsewhere_is_none_there(seed) -> None:
+    """The front of a board, 40 cm wide, lies 4 mm behind the nearest point of a ball beside it."""
+    rng = np.random.default_rng(seed)
+    radius, front = 0.05, 0.5
+    board = patch(rng, [0.0, 0.0, -1.0], -front, 0.4, 6000, noise=0.001) + [0.35, 0.0, 0.0]
+    center = np.array([-0.2, 0.0, front - 0.004 + radius])
+    cap = rng.normal(size=(40000, 3))
+    cap = center + radius * cap / np.linalg.norm(cap, axis=1, keepdims=True)
+    cap = cap[np.einsum("ni,ni->n", cap - center, cap) < 0.0][:4000]
+    points = np.concatenate([board, cap + 0.001 * rng.normal(size=cap.shape)])
+    planes = detect_planes(points, RangeNoise.from_settings(SETTINGS), SETTINGS, rng)
+    assert any(plane.covers(board).mean() > 0.9 for plane in planes)
+    assert not any(plane.covers(cap).any() for plane in planes)
+
+
 TRUE_UP = np.array([0.0, -1.0, -0.4]) / np.linalg.norm([0.0, -1.0, -0.4])
 """In the sensor's frame: a camera that looks 22° down."""
 

@@ -7,8 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from intuitive_physics_perception.detection.foreground import ForegroundFinder
 from intuitive_physics_perception.environment.environment_model import model_environment
-from intuitive_physics_perception.environment.static_boxes import MIN_THICKNESS, with_static_boxes
+from intuitive_physics_perception.environment.static_boxes import (
+    MIN_THICKNESS,
+    StaticBoxFilter,
+    with_static_boxes,
+)
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -74,6 +79,26 @@ def test_a_top_whose_sides_give_no_reading_stands_on_the_floor(room, shapes) -> 
 def test_a_ball_at_rest_is_an_object_and_no_box(room) -> None:
     ball = ((1.5, 0.0, 0.07), 0.07)
     assert boxes_in(frames_of(room, balls=[[ball]] * FRAMES)) == ()
+
+
+@pytest.mark.parametrize("height", [0.3, 0.6])
+def test_a_small_ball_far_away_is_no_box_either(room, height) -> None:
+    """Of its 150 pixels a quarter is left in the frame that boxes are made of."""
+    ball = ((2.3, 0.3, height), 0.03)
+    assert boxes_in(frames_of(room, balls=[[ball]] * FRAMES)) == ()
+
+
+def test_only_what_was_there_before_is_a_box(room, shapes) -> None:
+    frames = frames_of(room, extra=[shapes["box"](CRATE, CRATE_EDGES, 0.0)])
+    rng = np.random.default_rng(0)
+    model = with_static_boxes(model_environment(frames, SETTINGS, rng), frames, SETTINGS, rng)
+    found, boxes = (
+        ForegroundFinder(model, SETTINGS).find(frames[0]),
+        StaticBoxFilter(model, SETTINGS),
+    )
+    crate, new = found.indices[:1], [True]
+    assert not boxes.without(frames[0], replace(found, indices=crate, new=[False])).indices
+    assert boxes.without(frames[0], replace(found, indices=crate, new=new)).new == new
 
 
 def test_what_moves_is_no_box(room) -> None:

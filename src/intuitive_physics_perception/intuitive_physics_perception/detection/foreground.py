@@ -68,8 +68,11 @@ class Clusters:
 
 
 def in_a_row(parts: Sequence[NDArray[np.int64]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the indices (n,) of all parts, one after another, and where each part begins in them,
-    (number of parts + 1,)."""
+    """Return indices of some parts in one array (n,), one part after another, and where each
+    begins in it, (number of parts + 1,).
+
+    `parts` (m,) each.
+    """
     starts = np.cumsum([0, *map(len, parts)], dtype=np.int64)
     return np.concatenate([np.zeros(0, dtype=np.int64), *parts]), starts
 

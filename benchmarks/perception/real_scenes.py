@@ -76,10 +76,10 @@ class RealScene:
     def gravity(self) -> NDArray[np.float64]:
         """Gravity (3,) m/s² in the sensor's frame, from what the scene stands on.
 
-        With another one perception notices from flights that its support cannot be right, and
-        models the environment anew while balls are shown.
+        If balls fell in another direction, perception would conclude from their flights that it
+        has the wrong support, and would restart with a new model of the environment.
         """
-        frame = self.rays * np.where(self.depth > 0.0, self.depth, np.nan)[..., None]
+        frame = self.points(np.round(1000.0 * self.depth).astype(np.uint16))
         model = model_environment([frame], PerceptionSettings(), np.random.default_rng(0))
         return -GRAVITY * model.rotation[2]
 

@@ -59,22 +59,13 @@ class Clusters:
     def in_a_row(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Indices (n,) of the points of all clusters, one after another, and where each begins in
         them, (number of clusters + 1,)."""
-        return in_a_row(self.indices)
+        starts = np.cumsum([0, *map(len, self.indices)], dtype=np.int64)
+        return np.concatenate([np.zeros(0, dtype=np.int64), *self.indices]), starts
 
     @property
     def unknown(self) -> int:
         """Number of points where nobody has looked before."""
         return 0 if self.marks is None else int(np.count_nonzero(self.marks == UNKNOWN))
-
-
-def in_a_row(parts: Sequence[NDArray[np.int64]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return indices of some parts in one array (n,), one part after another, and where each
-    begins in it, (number of parts + 1,).
-
-    `parts` (m,) each.
-    """
-    starts = np.cumsum([0, *map(len, parts)], dtype=np.int64)
-    return np.concatenate([np.zeros(0, dtype=np.int64), *parts]), starts
 
 
 class ForegroundFinder:

@@ -27,7 +27,7 @@ from intuitive_physics_perception.detection.fitted_sphere import (
     Start,
     was_there,
 )
-from intuitive_physics_perception.detection.foreground import Clusters, in_a_row
+from intuitive_physics_perception.detection.foreground import Clusters
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.sphere_hypotheses import (
     SPHERES_IN_CLUSTER,
@@ -162,7 +162,7 @@ class SphereFinder:
         had nearly all of the time. None has no end.
         """
         budget = budget or FrameBudget()
-        results, searched = [], []
+        results, searched = [], np.zeros(len(clusters.indices), dtype=bool)
         left = len(clusters.indices) if searches is None else searches
         flat = points.reshape(-1, 3)
         order, starts = clusters.in_a_row
@@ -198,8 +198,7 @@ class SphereFinder:
                 self._memory.postpone(memory)
                 continue
             has_begun |= is_search
-            if is_search:
-                searched.append(cluster)
+            searched[k] = is_search
             if inside.spheres or effort is Effort.RANDOM:
                 memory = memory.after_search(success=bool(inside.spheres))
             if inside.spheres:
@@ -213,7 +212,11 @@ class SphereFinder:
                 self._memory.postpone(memory, looked=is_search)
         budget.is_urgent = False
         self._memory.end_frame()
-        return self._without_static(flat, searched, results)
+        places = self._static.spheres
+        if len(places):
+            near = reached_by(flat, order, starts, places)[searched].any(axis=0)
+            self._static.take(near, [sphere for part in results for sphere in part.spheres])
+        return [self._without_static(part) for part in results]
 
     def find_expected(
         self, points: NDArray[np.float32], clusters: Clusters, start: Start
@@ -237,22 +240,11 @@ class SphereFinder:
                 return detected
         return None
 
-    def _without_static(
-        self,
-        points: NDArray[np.float32],
-        searched: Sequence[NDArray[np.int64]],
-        results: Sequence[ClusterSpheres],
-    ) -> list[ClusterSpheres]:
-        """Results of a frame of points (n, 3) m without spheres that were there from the start and
-        are none in most frames; `searched`: clusters (n,) that were."""
-        places = self._static.spheres
-        near = reached_by(points, *in_a_row(searched), places).any(axis=0)
-        self._static.take(near, [sphere for part in results for sphere in part.spheres])
-        return [
-            ClusterSpheres(part.cluster, spheres, part.rest if spheres else 1.0)
-            for part in results
-            for spheres in [[sphere for sphere in part.spheres if self._may_be_ball(sphere)]]
-        ]
+    def _without_static(self, part: ClusterSpheres) -> ClusterSpheres:
+        """A cluster's spheres without those that were there from the start and are none in most
+        frames."""
+        balls = [sphere for sphere in part.spheres if self._may_be_ball(sphere)]
+        return replace(part, spheres=balls, rest=part.rest if balls else 1.0)
 
     def _may_be_ball(self, sphere: DetectedSphere) -> bool:
         """Whether a sphere has come, or was one in enough frames since it was first found."""

@@ -19,8 +19,8 @@ FEWEST_LOOKS = 5
 """Searches of a place after which it is judged. Set by hand."""
 
 DISTRUST_FRAMES = 300
-"""Frames after which a place that was judged to hold no ball is judged anew: a hand may have hidden
-a part of one. Set by hand."""
+"""Frames for which a place that failed counts as no ball. Then its counts start again: a hand may
+have hidden a part of a ball. Set by hand."""
 
 
 @dataclass(eq=False)
@@ -68,7 +68,9 @@ class StaticSpheres:
     @property
     def spheres(self) -> NDArray[np.float64]:
         """The sphere (n, 4) m of each place, in the sensor's frame."""
-        spheres = np.array([place.sphere for place in self._places]).reshape(-1, 4)
+        if not self._places:
+            return np.zeros((0, 4))
+        spheres = np.array([place.sphere for place in self._places])
         return np.column_stack([self._pose.inverse.points(spheres[:, :3]), spheres[:, 3]])
 
     def take(self, looked: NDArray[np.bool_], spheres: Sequence[DetectedSphere]) -> None:

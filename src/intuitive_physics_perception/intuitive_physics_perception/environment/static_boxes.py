@@ -65,8 +65,10 @@ def with_static_boxes(
     `frames` (height, width, 3) m each, those the model was made from; `old_boxes`: boxes that
     were there before: what still stands as it did keeps its place and its id.
     """
-    frame = np.ascontiguousarray(fused_frame(frames, MAX_EDGE_POINTS), dtype=np.float32)
-    points, balls = frame.reshape(-1, 3), _places_of_spheres(model, frames, settings, rng)
+    whole = np.ascontiguousarray(fused_frame(frames, frames[0].size), dtype=np.float32)
+    balls = _places_of_spheres(model, whole, settings, rng)
+    frame = np.ascontiguousarray(fused_frame([whole], MAX_EDGE_POINTS), dtype=np.float32)
+    points = frame.reshape(-1, 3)
     boxes: list[StaticBox] = []
     for indices in ForegroundFinder(model, settings).find(frame).indices:
         box = _box_around(f"box_{len(boxes)}", model, points[indices], settings)
@@ -106,15 +108,15 @@ def _difference(box: StaticBox, other: StaticBox) -> float:
 
 def _places_of_spheres(
     model: EnvironmentModel,
-    frames: Sequence[NDArray[np.float32]],
+    frame: NDArray[np.float32],
     settings: PerceptionSettings,
     rng: np.random.Generator,
 ) -> list[NDArray[np.float64]]:
     """Means (3,) m of the clusters that hold a sphere, in the environment's frame.
 
-    All pixels count, or too few are left of a small ball far away.
+    `frame` (height, width, 3) m, with all its pixels: of a thinned one too few are left on a small
+    ball far away.
     """
-    frame = np.ascontiguousarray(fused_frame(frames, frames[0].size), dtype=np.float32)
     clusters = ForegroundFinder(model, settings).find(frame)
     parts = SphereFinder(model, settings, rng).find(frame, clusters)
     points = frame.reshape(-1, 3)

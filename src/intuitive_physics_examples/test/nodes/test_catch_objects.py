@@ -43,8 +43,8 @@ def start_client(*arguments: str) -> ChildProcess:
 
 
 def test_a_thrown_ball_is_to_be_caught_where_it_will_be() -> None:
-    # At the stamp of each prediction the ball is at (0, 0, 1) and has (1, 0, 2) m/s, so that it is
-    # at (t, 0, 1 + 2 t - g t² / 2), as long as it is in the air.
+    # At the stamp of each state the ball is at (0, 0, 1) and has (1, 0, 2) m/s: at (x, 0, z) it has
+    # fallen for x s, so that z = 1 + 2 x - g x² / 2, as long as it is in the air.
     environment = Environment([Plane("floor", "wood", (0, 0, 1), 0.0)], frame_id="lab")
     ball = SceneObject("ball", "rubber", Sphere(0.05))
     covariance = np.diag([1e-6] * 3 + [0.0] * 3 + [1e-4] * 3 + [1.0] * 3)
@@ -68,10 +68,10 @@ def test_a_thrown_ball_is_to_be_caught_where_it_will_be() -> None:
     assert "Traceback" not in client.output
     for x, y, z, t, percent in (map(float, numbers) for numbers in SAID.findall(client.output)):
         assert t >= 0.2
-        # The answer is of a prediction that began up to 1/60 s and some ms after the state.
-        assert x == pytest.approx(t, abs=0.05)
+        # A prediction begins after its state, by a time that only the load of the machine bounds.
+        assert -0.02 <= x - t < 0.5
         assert y == pytest.approx(0.0, abs=0.02)
-        assert z == pytest.approx(1.0 + 2.0 * t - 4.905 * t**2, abs=0.06)
+        assert z == pytest.approx(1.0 + 2.0 * x - 4.905 * x**2, abs=0.02)
         assert 0.2 <= x <= 0.8
         assert percent > 90.0
 

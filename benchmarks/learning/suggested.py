@@ -46,7 +46,7 @@ from intuitive_physics_learner.design import (
 from intuitive_physics_learner.design.suggestion import EXECUTION_ERROR
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_search.joint_identifiability import (
+from intuitive_physics_learner.joint_estimation.profiles import (
     curvature_posterior,
     one_sided_moves,
 )

@@ -17,7 +17,7 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     PRIOR_WIDENING,
     observation_blocks,
 )
-from intuitive_physics_learner.joint_search.joint_identifiability import (
+from intuitive_physics_learner.joint_estimation.profiles import (
     LARGEST_MOVE_RISE,
     MOVE_TOLERANCE,
     curvature_posterior,

@@ -14,6 +14,7 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, TrajectoryCost, learn
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.point_noise import position_noise
+from intuitive_physics_learner.joint_estimation.half_agreement import agreed_deviations
 from intuitive_physics_learner.joint_estimation.linearisation import separate_groups
 from intuitive_physics_learner.joint_estimation.normal_equations import bounded_step
 from intuitive_physics_learner.joint_estimation.observation_blocks import (
@@ -24,7 +25,6 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
 from intuitive_physics_learner.joint_estimation.order_of_fits import StagedFit
 from intuitive_physics_learner.joint_search import JointSearch
 from intuitive_physics_learner.joint_search.joint_identifiability import (
-    agreed_deviations,
     balanced_half,
     joint_identifiability,
 )
@@ -265,6 +265,22 @@ def test_no_sharper_than_two_halves_together():
     ignorant = half([0.1, 0.9, 0.5, 0.5], 12.0**-0.5)
     agreed = agreed_deviations(unit, deviations, ignorant, FAMILIES)
     np.testing.assert_allclose(agreed, 24.0**-0.5)
+
+
+def test_a_smaller_part_is_expected_farther_away():
+    # u is the mean of the part's h and what the rest says: a - u has the variance (1 - h) σ_a².
+    unit, deviations = np.full(4, 0.5), np.full(4, 0.005)
+    for share, chance in ((0.25, True), (0.9, False)):
+        off = half(unit + 2.0 * np.sqrt(1.0 - 0.25) * 0.0099)
+        agreed = agreed_deviations(unit, deviations, off, FAMILIES, share=share, balanced=False)
+        assert bool((agreed < np.abs(off.mean - unit)).all()) == chance
+
+
+def test_a_part_with_other_observations_bounds_nothing():
+    # Where what came later says more, it is known better than by parts like the first.
+    unit, deviations = np.full(4, 0.5), np.full(4, 0.001)
+    agreed = agreed_deviations(unit, deviations, half(unit), FAMILIES, balanced=False)
+    np.testing.assert_allclose(agreed, deviations)
 
 
 @settings(max_examples=50)

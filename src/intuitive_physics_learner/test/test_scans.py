@@ -7,12 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.parameter_space import ParameterSpace
+from intuitive_physics_learner import TrajectoryCost
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.fit_horizons import TrajectoryFits
 from intuitive_physics_learner.joint_estimation.joint_fit import FIXED_HORIZONS, JointFit
 from intuitive_physics_learner.joint_estimation.linearisation import (
     ParameterSteps,
     linearise,
+    residuals_at,
     separate_groups,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import (
@@ -27,6 +32,7 @@ from intuitive_physics_learner.joint_estimation.scans import (
     scanned_states,
     tried_parameters,
 )
+from intuitive_physics_learner.search.learning_task import LearningTask
 
 LEVELS = np.array([0.1, 0.5, 0.9])
 
@@ -65,9 +71,9 @@ def test_initial_states_are_the_ridge_regression_of_each_level(gliding_task):
     linear = linearise(task.cost, block, fits.estimate, fits.deviations, steps, until)
     candidates, index = candidates_of(task)
     index = index[block.parameters].reshape(2, -1).T
-    estimates, residuals = scanned_states(task.cost, block, fits, linear, candidates, index)
+    estimates, losses = scanned_states(task.cost, block, fits, linear, candidates, index)
     estimates = estimates.reshape(4, LEVELS.size, 2, 3)
-    residuals = residuals.reshape(4, LEVELS.size, 2, -1, 3)
+    losses = losses.reshape(4, LEVELS.size, 2)
     prior = PRIOR_WIDENING * deviation
     for w, observation in enumerate(task.cost.observations):
         (ball,) = observation.objects
@@ -80,7 +86,34 @@ def test_initial_states_are_the_ridge_regression_of_each_level(gliding_task):
             here = (moved - ball.trajectory.positions)[fitted]
             expected = -here.sum(axis=0) / (n + noise**2 / prior**2)
             np.testing.assert_allclose(estimates[3, k, w], expected, atol=1e-9)
-            np.testing.assert_allclose(residuals[3, k, w, :n], here + expected, atol=1e-9)
+            left, away = (here + expected) / noise, expected / prior
+            assert losses[3, k, w] == pytest.approx(0.5 * (np.sum(left**2) + np.sum(away**2)))
+
+
+def test_a_step_of_initial_states_that_explains_less_is_not_taken(event_driven, throws):
+    # At other θ_s balls bounce elsewhere, where slopes at the estimate say nothing.
+    cost = TrajectoryCost(throws(8, 0, noise=0.003, state_noise=0.01, times=24), event_driven)
+    influence = parameter_influence(cost.observations, cost.materials)
+    space = ParameterSpace(cost.materials)
+    start = StaticParameters.uniform(cost.materials)
+    task = LearningTask(cost, space, influence, start)
+    fit = JointFit(task.fit_task, JointEstimationSettings(scan_steps=()))
+    for _ in range(20):
+        fit.step()
+    model, estimate = fit.model, fit.estimate
+    stepped = 0
+    for (block, part), linear in zip(
+        model.parts(estimate), model.linearised(estimate), strict=True
+    ):
+        levels = np.broadcast_to(LEVELS, (estimate.unit.size, LEVELS.size))
+        candidates, index = scan_candidates(estimate.unit, model.groups, model.space, levels)
+        index = index[block.parameters].reshape(len(block.members), -1).T
+        estimates, losses = scanned_states(cost, block, part, linear, candidates, index, True)
+        present = np.broadcast_to(part.estimate, estimates.shape)
+        residuals = residuals_at(cost, block, present, candidates, index, part.horizons)
+        assert (losses <= part.losses(block, present, residuals)).all()
+        stepped += np.count_nonzero((estimates != present).any(axis=2))
+    assert stepped > 0
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -78,11 +78,15 @@ def scanned_states(
     linear: Linearisation,
     candidates: Sequence[StaticParameters],
     index: NDArray[np.int64],
+    present_too: bool = False,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Fit the initial states of a block to each of some θ_s.
 
-    `index` (c, W) of the candidate that is tried for each observation. Returns `estimates`
-    (c, W, d) deviations from the observed initial states, in SI units; `residuals` (c, W, P, 3) m.
+    By a Gauss-Newton step each.
+
+    `index` (c, W) of the candidate that is tried for each observation; `present_too`: whether the
+    present states stay where that step explains less. Returns `estimates` (c, W, d) deviations from
+    the observed initial states, in SI units; `losses` (c, W).
     """
     estimate, until = fits.estimate, fits.horizons
     count, d = estimate.shape
@@ -103,7 +107,14 @@ def scanned_states(
         weights = huber_weights(np.linalg.norm(left, axis=2))
         target = (left * weights[..., None]).reshape(count, -1, 1)
         estimates[k] = estimate - (gains @ target)[..., 0] - shrinking
-    return estimates, residuals_at(cost, block, estimates, candidates, index, until)
+    left = residuals_at(cost, block, estimates, candidates, index, until)
+    losses = fits.losses(block, estimates, left)
+    if present_too:
+        before = fits.losses(block, tried, residuals)
+        stays = before < losses
+        estimates = np.where(stays[..., None], tried, estimates)
+        losses = np.where(stays, before, losses)
+    return estimates, losses
 
 
 def scanned(
@@ -113,15 +124,17 @@ def scanned(
     levels: ArrayLike,
     weights: NDArray[np.float64],
     asked: NDArray[np.bool_] | None = None,
+    *,
+    present_too: bool = False,
 ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
     """Try each parameter at each level.
 
     `levels` (n_levels,) places on the unit interval, or (n, n_levels) of each parameter;
     `weights` (n_observations,) of the observations; `asked` (n,) which parameters are tried; None:
-    all. Returns `rises` (n, n_levels) change of the loss, without a unit, of the prior and of the
-    observations that each parameter influences, for those that are tried; `fitted`
-    (q, n_levels, W, d) of each block, deviations from the observed initial states, in SI units,
-    fitted to the levels of its parameters, or of those of them that are tried.
+    all; `present_too` as `scanned_states` has it. Returns `rises` (n, n_levels) change of the loss,
+    without a unit, of the prior and of the observations that each parameter influences, for those
+    that are tried; `fitted` (q, n_levels, W, d) of each block, deviations from the observed initial
+    states, in SI units, fitted to the levels of its parameters, or of those of them that are tried.
     """
     each = np.broadcast_to(levels, (estimate.unit.size, np.shape(levels)[-1]))
     candidates, index = scan_candidates(estimate.unit, model.groups, model.space, each)
@@ -134,15 +147,17 @@ def scanned(
 
     def scanned_block(k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         of_parameters = index[tried[k][0]].reshape(len(tried[k][0]), -1).T
-        return scanned_states(model.cost, *parts[k], linear[k], candidates, of_parameters)
+        return scanned_states(
+            model.cost, *parts[k], linear[k], candidates, of_parameters, present_too
+        )
 
-    for (block, part), slopes, (parameters, counts), (states, residuals) in zip(
+    for (block, part), slopes, (parameters, counts), (states, losses) in zip(
         parts, linear, tried, model.of_blocks(scanned_block), strict=True
     ):
         model.count(block, part.horizons, 2 * len(states))
         present = part.estimate[None], slopes.residuals[None]
         here = part.losses(block, *present)
-        there = weights[block.members] * (part.losses(block, states, residuals) - here)
+        there = weights[block.members] * (losses - here)
         by_level = there.T.reshape(*parameters.shape, each.shape[1])
         np.add.at(rises, parameters, by_level * counts[..., None])
         fitted.append(states.reshape(parameters.shape[1], each.shape[1], *part.estimate.shape))

@@ -18,12 +18,12 @@ from intuitive_physics_learner.joint_estimation.order_of_fits import (
     StagedFit,
     drawn_starts,
 )
-from intuitive_physics_learner.joint_search.cost_descent import CostDescent
-from intuitive_physics_learner.joint_search.joint_identifiability import (
+from intuitive_physics_learner.joint_estimation.profiles import (
     curvature_simulations,
-    joint_identifiability,
     move_simulations,
 )
+from intuitive_physics_learner.joint_search.cost_descent import CostDescent
+from intuitive_physics_learner.joint_search.joint_identifiability import joint_identifiability
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 from intuitive_physics_learner.search.identifiability import Identifiability
 from intuitive_physics_learner.search.learning_task import LearningTask

@@ -1,0 +1,142 @@
+"""How well a fit determines each parameter: by its curvature, and by the profile of the loss.
+
+Slopes at an estimate do not say what lies beyond a kink: a parameter that only has to be large
+enough, or small enough, is known to one side only, and slopes hold one just where noise imitates
+the beginning of a slip. So the profile of the loss along each parameter is followed as far as it
+hardly rises. Where that is farther than slopes say, the deviation is that of its ends; where it is
+so to one side only, there is an interval.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRECISION
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.normal_equations import reduced_equations
+from intuitive_physics_learner.joint_estimation.scans import scanned
+from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.search.identifiability import ONE_SIDED_DEVIATIONS
+from intuitive_physics_learner.search.one_sided_intervals import MOVE_GROWTH, UNIFORM
+
+CURVATURE_WIDENING = 3.0
+"""Factor on the steps of the finite differences from which the posterior is computed; set by
+hand."""
+
+MOVE_ROUNDS = 8
+"""Rounds of moving a parameter outwards from the estimate, and of bisecting the end, at most; set
+by hand."""
+
+MOVE_TOLERANCE = 0.02
+"""Part of a move by which its end may be farther than it was followed; set by hand."""
+
+USUAL_ROUNDS = 2
+"""Rounds that are usually made: most often no parameter is bound to one side only."""
+
+LARGEST_MOVE_RISE = 4.5
+"""Rise of the loss up to which a move is plausible, that of three standard deviations: a fit may
+gain more than that of two by making a ball slip that does not; below the 6 of a parabola at 2 √3
+standard deviations."""
+
+
+def curvature_posterior(fit: JointFit) -> Gaussian:
+    """Return the posterior about an estimate, by slopes over wider steps than those of a fit.
+
+    Errors that all observations share are the same in all of them here. Each observation is fitted
+    with shared errors of its own, which does no harm; but were they independent, many observations
+    would average them out.
+    """
+    model, estimate = fit.model, fit.estimate
+    equations = model.equations(estimate, model.linearised(estimate, CURVATURE_WIDENING))
+    n = estimate.unit.size
+    common = [
+        each.with_common(block.shared_index, n)
+        for each, block in zip(equations, model.blocks, strict=True)
+    ]
+    size = 1 + max((int(part.parameters.max(initial=n - 1)) for part in common), default=n - 1)
+    precision = np.eye(size)
+    precision[:n, :n] = fit.prior.precision
+    centre = np.concatenate([estimate.unit, np.zeros(size - n)])
+    information, _ = reduced_equations(
+        Gaussian.about(centre, precision),
+        centre,
+        [part.eliminated() for part in common],
+        fit.weights,
+    )
+    return Gaussian.about(centre, information).marginal(np.arange(n))
+
+
+def plausible_moves(fit: JointFit, first: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far each parameter can be moved without an implausible rise of the loss.
+
+    Each is moved outwards from the estimate, with initial states fitted to each place, and the end
+    is bisected. A rise that its bounds alone bring does not count.
+
+    `first` (n,) widths, the first move to each side; a parameter that can be moved by it to no
+    side, or that its bounds leave no room for it, is not looked at further. Returns (n, 2) widths
+    down and up, short of the ends by `MOVE_TOLERANCE` of the move at most, or by that part of the
+    first move where an end is as near; 0 for parameters that are not looked at further.
+    """
+    model, estimate, unit = fit.model, fit.estimate, fit.unit
+    linear = model.linearised(estimate, CURVATURE_WIDENING)
+    room = np.stack([unit, 1.0 - unit], axis=1)
+    inner, outer = np.zeros_like(room), np.full_like(room, np.inf)
+    moves = np.minimum(first[:, None], room)
+    asked = first < room.max(axis=1)
+    going_on = asked.copy()
+    for _ in range(MOVE_ROUNDS):
+        if not going_on.any():
+            break
+        away = moves * (-1.0, 1.0)
+        rises, _ = scanned(
+            model, estimate, linear, unit[:, None] + away, fit.weights, going_on, present_too=True
+        )
+        from_mean = (unit - fit.prior.mean)[:, None]
+        rises -= UNIFORM_PRECISION * (from_mean * away + 0.5 * away**2)
+        plausible = rises < LARGEST_MOVE_RISE
+        inner = np.where(going_on[:, None] & plausible, moves, inner)
+        outer = np.where(going_on[:, None] & ~plausible, moves, outer)
+        asked &= (inner > 0.0).any(axis=1)
+        near = np.maximum((1.0 + MOVE_TOLERANCE) * inner, MOVE_TOLERANCE * first[:, None])
+        going_on = asked & ~((outer <= near) | (inner >= room)).all(axis=1)
+        outwards = np.minimum(MOVE_GROWTH * moves, room)
+        moves = np.where(np.isinf(outer), outwards, 0.5 * (inner + outer))
+    return np.where(asked[:, None], inner, 0.0)
+
+
+def curvature_simulations(fit: JointFit) -> float:
+    """Simulations of single observations that `curvature_posterior` takes."""
+    return fit.model.simulations_of(fit.estimate, 2)
+
+
+def move_simulations(fit: JointFit) -> float:
+    """Simulations of single observations that `plausible_moves` usually takes."""
+    return fit.model.simulations_of(fit.estimate, 2 + 4 * USUAL_ROUNDS)
+
+
+def one_sided_moves(
+    fit: JointFit, deviations: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Find the parameters that the observations bind to one side only, if identified.
+
+    `deviations` (n,) widths, standard deviation of each parameter by slopes. Returns `free` (n, 2)
+    widths, how far they can be moved down and up; 0 for the other parameters; `ends` (n,) widths,
+    standard deviation of each, where a move to both sides is plausible that of its ends.
+    """
+    least = ONE_SIDED_DEVIATIONS * UNIFORM
+    identified = deviations < LARGEST_DEVIATION
+    moves = plausible_moves(fit, np.where(identified, least * deviations, np.inf))
+    ends = np.maximum(deviations, moves.min(axis=1) / UNIFORM)
+    one_sided = (moves.max(axis=1) > least * ends) & (ends < LARGEST_DEVIATION)
+    return np.where(one_sided[:, None], moves, 0.0), ends
+
+
+def mean_square_moves(free: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean square (n,) of the distance of each parameter from the estimate, widths².
+
+    As `one_sided_moves` returns them, `free` (n, 2) and `ends` (n,). Where what is between two ends
+    is equally likely, a below the upper one and b above the lower one, it is (a² - a b + b²) / 3.
+    """
+    down, up = np.maximum(free, UNIFORM * ends[:, None]).T
+    return np.where(free.any(axis=1), (down**2 - down * up + up**2) / 3.0, ends**2)

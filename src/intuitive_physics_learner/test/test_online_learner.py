@@ -575,6 +575,48 @@ def test_a_one_sided_interval_is_kept(glide, gliding):
     assert np.quantile(draws, [0.05, 0.95]) == pytest.approx([0.38, 0.97], abs=0.03)
 
 
+def test_what_only_has_to_be_large_enough_is_an_interval(glide, gliding):
+    # f(e) = min(e, 0.6): all e from 0.6 on glide alike.
+    generator = np.random.default_rng(35)
+    learner = OnlineLearner(type(glide)(lambda e: np.minimum(e, 0.6)), OPTIONS)
+    place = parameter_names(("ball", "floor")).index("restitution[ball, floor]")
+    for _ in range(8):
+        learner.learn_from(gliding(generator, 0.6))
+    published = learner.state.published
+    low, high = published.intervals[place]
+    assert low == pytest.approx(0.6, abs=0.03)
+    assert high == pytest.approx(1.0, abs=0.03)
+    assert np.isnan(np.delete(published.intervals, place, axis=0)).all()
+    draws = published.posterior.draw(4000, np.random.default_rng(0))[:, place]
+    assert np.quantile(draws, [0.1, 0.9]) == pytest.approx([0.64, 0.96], abs=0.03)
+    # Bound on both sides there is none.
+    learner = OnlineLearner(glide, OPTIONS)
+    for _ in range(8):
+        learner.learn_from(gliding(generator, 0.6))
+    assert np.isnan(learner.state.published.intervals).all()
+
+
+@pytest.mark.parametrize("away", [0.0, 0.1])
+def test_what_an_earlier_fit_disagrees_with_is_less_certain(glide, gliding, away):
+    generator = np.random.default_rng(36)
+    learner = OnlineLearner(glide, OPTIONS)
+    for _ in range(8):
+        learner.learn_from(gliding(generator, 0.8))
+    state = learner.state
+    assert [each.used for each in state.refitted] == [4, 8]
+    place = parameter_names(state.materials).index("restitution[ball, floor]")
+    state.refitted[0].unit[place] += away
+    learner.learn_from(gliding(generator, 0.8))
+    _, deviation = restitution(state.published)
+    if away:
+        assert away <= deviation < 2.0 * away
+    else:
+        assert deviation < 0.01
+    # A change ends what was fitted before it.
+    state.count_from(1)
+    assert not state.refitted
+
+
 def replace_value(learned, value, deviation):
     parameters = learned.parameters.with_pair("ball", "floor", restitution=value)
     place = parameter_names(learned.materials).index("restitution[ball, floor]")

@@ -19,10 +19,14 @@ from intuitive_physics_learner.joint_estimation.order_of_fits import (
     StagedFit,
     drawn_starts,
 )
+from intuitive_physics_learner.joint_estimation.profiles import (
+    curvature_posterior,
+    one_sided_moves,
+)
 from intuitive_physics_learner.online.change_point import change_probability
 from intuitive_physics_learner.online.lone_fit import LARGEST_ADVANCE
 from intuitive_physics_learner.online.memory import age_weight
-from intuitive_physics_learner.online.online_state import Member, OnlineState
+from intuitive_physics_learner.online.online_state import Member, OnlineState, Refitted
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.publication import FEWEST_COMPARED, has_moved_far
 from intuitive_physics_learner.search.gaussian import Gaussian
@@ -98,6 +102,8 @@ class JointProblem:
             spins = likelihood.spins if with_spins else member.likelihood.spins
             own = parameters[likelihood.parameters]
             member.likelihood = replace(likelihood, parameters=own, spins=spins)
+        deviations = curvature_posterior(fit).deviations
+        state.free[parameters], state.ends[parameters] = one_sided_moves(fit, deviations)
         state.add_up()
 
 
@@ -151,6 +157,7 @@ class JointFits:
         for fit in continued:
             self._run(fit, CONTINUED_STEPS)
         self._run(staged, REFIT_STEPS)
+        begun_anew = staged.joint
         if staged.jointly.steps < DROP_STEPS:
             # Where there was no time for new starts, they have not begun to explain anything.
             staged.jointly.keep(0)
@@ -160,9 +167,17 @@ class JointFits:
         state.spread[problem.parameters] = staged.jointly.choose(COMPARED_BEYOND)
         problem.take_over(staged.joint, with_spins=True)
         self._forget_what_disagrees()
+        self._note_refit(problem, begun_anew if begun_anew in staged.jointly.fits else staged.joint)
         if len(problem.members) >= FEWEST_COMPARED:
             # It has explained all observations better than what is published.
             state.win_trial(len(problem.members))
+
+    def _note_refit(self, problem: JointProblem, fit: JointFit) -> None:
+        """Remember a fit to all observations, beside what those to more of them lead to."""
+        state = self.state
+        unit, deviations = state.unit.copy(), state.prior.deviations
+        unit[problem.parameters], deviations[problem.parameters] = fit.unit, fit.deviations
+        state.refitted = [*state.refitted[-1:], Refitted(state.used, unit, deviations)]
 
     @property
     def _present(self) -> Gaussian:

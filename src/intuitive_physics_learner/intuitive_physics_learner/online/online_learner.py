@@ -153,7 +153,8 @@ class OnlineLearner:
         state.ground = information if informed else state.given()
         state.retired = state.posterior = state.ground
         state.window, state.past, state.doubtful = [], [], []
-        state.spread = np.zeros(state.unit.size)
+        for name in ("spread", "ends", "free"):
+            setattr(state, name, np.zeros_like(getattr(state, name)))
         state.count_from(0)
         state.retired_spins = SpinEvidence.about(
             whole.initial_spins if informed else InitialSpins()

@@ -19,6 +19,7 @@ from intuitive_physics.materials import (
     parameter_places,
 )
 from intuitive_physics.observation import Observation
+from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
 from intuitive_physics.parameter_space import DEFAULT_BOUNDS, ParameterSpace, parameter_vector
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics.prior_knowledge.spin_evidence import (
@@ -33,7 +34,7 @@ from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
-FORMAT = "intuitive_physics/online_state/5"
+FORMAT = "intuitive_physics/online_state/6"
 """Format of the JSON text, which every text names."""
 
 
@@ -98,6 +99,27 @@ class Member:
     trusted: bool = False
 
 
+@dataclass(frozen=True, eq=False)
+class Refitted:
+    """What a fit to all observations that are kept led to.
+
+    Parameters
+    ----------
+    used : number of observations that were learned from
+    unit, deviations : (n,) estimate on the unit cube, and standard deviation of each parameter
+    """
+
+    used: int
+    unit: NDArray[np.float64]
+    deviations: NDArray[np.float64]
+
+    def among(self, places: NDArray[np.int64], size: int) -> Refitted:
+        """Return the same among more parameters, of which nothing is known."""
+        unit, deviations = np.zeros(size), np.full(size, UNIFORM_PRECISION**-0.5)
+        unit[places], deviations[places] = self.unit, self.deviations
+        return Refitted(self.used, unit, deviations)
+
+
 @dataclass(eq=False)
 class OnlineState:
     """Knowledge of n parameters, and the observations that it rests on.
@@ -113,6 +135,9 @@ class OnlineState:
     posterior : with all that are kept
     spread : (n,) widths², how far fits from other starts were from the best one at the last refit,
         each weighted by its evidence
+    ends, free : (n,) and (n, 2) widths, deviation of each parameter and how far it can be moved
+        down and up if it is bound to one side only, by the profile of the loss at its last fit
+        (`one_sided_moves`); 0 before that
     window : observations that are fitted jointly
     past : observations that have left the window, the newest last, whose likelihoods are linear
         until all that are kept are fitted again
@@ -135,6 +160,7 @@ class OnlineState:
     begun : number of used observations before those that are learned from here: since the state
         began with what others stored, or since a change
     next_refit : number of observations since then at which all that are kept are fitted again
+    refitted : since then, the last fit and the one before it
     """
 
     materials: tuple[str, ...]
@@ -144,6 +170,8 @@ class OnlineState:
     retired: Gaussian
     posterior: Gaussian
     spread: NDArray[np.float64]
+    ends: NDArray[np.float64]
+    free: NDArray[np.float64]
     window: list[Member] = field(default_factory=list)
     past: list[Member] = field(default_factory=list)
     doubtful: list[Member] = field(default_factory=list)
@@ -162,6 +190,7 @@ class OnlineState:
     retired_spins: SpinEvidence = field(default_factory=SpinEvidence)
     begun: int = 0
     next_refit: int = 1
+    refitted: list[Refitted] = field(default_factory=list)
 
     @property
     def used(self) -> int:
@@ -181,6 +210,7 @@ class OnlineState:
     def count_from(self, count: int) -> None:
         """Let the last `count` observations be the first, after which the next refit is due."""
         self.begun, self.next_refit = self.used - count, max(2 * count, 1)
+        self.refitted = []
 
     def drop(self, member: Member) -> None:
         """Keep an observation no longer."""
@@ -201,7 +231,7 @@ class OnlineState:
         What a user gave stays. `parameters` (k,) their indices; `ground`: whether what was known
         before all observations is forgotten as well.
         """
-        self.spread[parameters] = 0.0
+        self.spread[parameters] = self.ends[parameters] = self.free[parameters] = 0.0
         if ground:
             self.ground = self.ground.without(parameters).joined(self.given().part(parameters))
         self.retired = self.retired.without(parameters).joined(self.ground.part(parameters))
@@ -287,14 +317,18 @@ class OnlineState:
         space = ParameterSpace(together, self.space.bounds)
         centre = space.to_unit(LearnedParameters.defaults(together).parameters)
         unit = centre.copy()
-        spread = np.zeros(centre.size)
-        centre[places], unit[places], spread[places] = self.centre, self.unit, self.spread
+        centre[places], unit[places] = self.centre, self.unit
         self.materials, self.centre, self.unit = together, centre, unit
-        self.spread = spread
+        for name in ("spread", "ends", "free"):
+            before = getattr(self, name)
+            among = np.zeros((centre.size, *before.shape[1:]))
+            among[places] = before
+            setattr(self, name, among)
         for name in ("ground", "retired", "posterior", "published_information", "challenger"):
             information = getattr(self, name)
             if information is not None:
                 setattr(self, name, information.among(places, centre.size))
+        self.refitted = [each.among(places, centre.size) for each in self.refitted]
         for member in (*self.kept, *self.doubtful):
             parameters = places[member.likelihood.parameters]
             member.likelihood = replace(member.likelihood, parameters=parameters)
@@ -306,7 +340,8 @@ class OnlineState:
         """Before any observation."""
         nothing = np.zeros(0)
         nothings = Gaussian.nothing(0), Gaussian.nothing(0), Gaussian.nothing(0)
-        return OnlineState((), nothing, nothing.copy(), *nothings, nothing.copy())
+        widths = nothing.copy(), nothing.copy(), np.zeros((0, 2))
+        return OnlineState((), nothing, nothing.copy(), *nothings, *widths)
 
     def to_json(self) -> str:
         """Return it as JSON text, every number to its last digit."""
@@ -326,7 +361,7 @@ class OnlineState:
         )
 
 
-_PARTS = (OnlineState, Member, Signs, ChangePoint, LearnedParameters, Gaussian)
+_PARTS = (OnlineState, Member, Signs, ChangePoint, Refitted, LearnedParameters, Gaussian)
 _FOUND = (ObservationFit, LocalLikelihood, SpinEvidence, SpinLikelihood)
 _CLASSES: dict[str, type] = {each.__name__: each for each in (*_PARTS, *_FOUND)}
 """Classes of what is remembered, by their names."""

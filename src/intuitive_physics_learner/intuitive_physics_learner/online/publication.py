@@ -16,14 +16,20 @@ from intuitive_physics.parameter_posterior import (
     UNIFORM_PRECISION,
     ParameterPosterior,
 )
-from intuitive_physics.parameter_space import parameter_vector
+from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
+from intuitive_physics_learner.joint_estimation.half_agreement import agreed_deviations
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
+from intuitive_physics_learner.joint_estimation.profiles import mean_square_moves
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.online.jackknife import jackknife_variances
 from intuitive_physics_learner.online.lone_fit import LoneFit
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.search.gaussian import Gaussian
-from intuitive_physics_learner.search.identifiability import widened_information
+from intuitive_physics_learner.search.identifiability import (
+    ONE_SIDED_DEVIATIONS,
+    widened_information,
+)
+from intuitive_physics_learner.search.one_sided_intervals import UNIFORM
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 
 BEYOND = 0.5
@@ -84,7 +90,8 @@ def is_to_be_published(state: OnlineState) -> bool:
 
 def publish(state: OnlineState, cost: float) -> None:
     """Publish the estimate; `cost` is its J in m over the window."""
-    state.published, state.published_information = next_version(state, cost), _widened(state)
+    state.published = next_version(state, cost)
+    state.published_information = _widened(state, _deviations(state))
     state.end_trial()
 
 
@@ -96,25 +103,26 @@ def has_moved_far(state: OnlineState) -> bool:
 def next_version(state: OnlineState, cost: float) -> LearnedParameters:
     """Return the estimate as the next version of θ_s."""
     space, held, published = state.space, state.held, state.published
-    parameters, widths = state.parameters, _deviations(state)
-    information = _widened(state).precision
+    parameters, widths = state.parameters, _at_least(state, state.ends)
+    information = _widened(state, widths).precision
     identified = held | (widths < LARGEST_DEVIATION)
     slopes = space.slopes(state.unit)
     covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(widths.size))
     covariance[held], covariance[:, held] = 0.0, 0.0
     deviations = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
+    ends = _interval_ends(state, widths)
+    intervals = _in_si_units(space, state.unit, ends)
     posterior = ParameterPosterior.from_information(
-        state.materials, space.to_unit(parameters), information, space.bounds
+        state.materials, space.to_unit(parameters), information, space.bounds, ends
     )
     kept = _kept_intervals(state)
-    intervals = np.full((widths.size, 2), np.nan)
     if published is not None and kept.any():
         values = np.where(
             kept, parameter_vector(published.parameters), parameter_vector(parameters)
         )
         parameters = parameters_of_vector(state.materials, values)
         before = published.whole_posterior().within(space.bounds)
-        posterior = before.renewed(~kept, space.to_unit(parameters), information, intervals)
+        posterior = before.renewed(~kept, space.to_unit(parameters), information, ends)
         intervals = np.where(kept[:, None], published.intervals, intervals)
         deviations = np.where(kept, published.standard_deviations, deviations)
         identified = np.where(kept, published.identified, identified)
@@ -153,10 +161,34 @@ def _differs(state: OnlineState, before: Gaussian) -> NDArray[np.bool_]:
     return moved | (np.abs(deviations / before.deviations - 1.0) > SMALLEST_NARROWING)
 
 
-def _widened(state: OnlineState) -> Gaussian:
-    """Return what is known, with the deviations that are published."""
-    widths, mean = _deviations(state), state.prior.mean
-    factors = widths / state.prior.deviations
+def _interval_ends(state: OnlineState, widths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Ends (n, 2) on the unit cube of one-sided intervals; NaN for parameters without one.
+
+    `widths` (n,) standard deviations that are published.
+    """
+    least = ONE_SIDED_DEVIATIONS * UNIFORM
+    one_sided = (state.free.max(axis=1, initial=0.0) > least * widths) & ~state.held
+    one_sided &= widths < LARGEST_DEVIATION
+    moves = np.maximum(state.free, UNIFORM * widths[:, None]) * (-1.0, 1.0)
+    ends = np.clip(state.unit[:, None] + moves, 0.0, 1.0)
+    return np.where(one_sided[:, None], ends, np.nan)
+
+
+def _in_si_units(
+    space: ParameterSpace, unit: NDArray[np.float64], ends: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Intervals (n, 2) in SI units by their ends on the unit cube, the others at an estimate."""
+    intervals = np.full_like(ends, np.nan)
+    for axis, side in np.argwhere(~np.isnan(ends)):
+        moved = unit.copy()
+        moved[axis] = ends[axis, side]
+        intervals[axis, side] = parameter_vector(space.to_parameters(moved))[axis]
+    return intervals
+
+
+def _widened(state: OnlineState, widths: NDArray[np.float64]) -> Gaussian:
+    """Return what is known, with wider standard deviations (n,), in widths."""
+    mean, factors = state.prior.mean, widths / state.prior.deviations
     information = widened_information(state.posterior.precision, factors, widths)
     # Its mean is the same once the bounds count.
     pull = information @ mean + UNIFORM_PRECISION * (mean - state.centre)
@@ -164,10 +196,15 @@ def _widened(state: OnlineState) -> Gaussian:
 
 
 def _deviations(state: OnlineState) -> NDArray[np.float64]:
-    """Standard deviations (n,), widths, that are published.
+    """Standard deviations (n,) about the estimate, widths, also of one-sided intervals."""
+    return _at_least(state, np.sqrt(mean_square_moves(state.free, state.ends)))
 
-    At least those by leaving out each observation of the window, and with the spread of fits from
-    several starts.
+
+def _at_least(state: OnlineState, least: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Standard deviations (n,), widths, that are at least as large as given ones (n,).
+
+    At least those by slopes, and those by leaving out each observation of the window; with the
+    spread of fits from several starts, and of what part of the observations said.
     """
     left_out = jackknife_variances(
         state.posterior,
@@ -175,8 +212,35 @@ def _deviations(state: OnlineState) -> NDArray[np.float64]:
         [member.likelihood for member in state.window],
         np.array([member.weight for member in state.window]),
     )
-    variances = np.maximum(state.prior.deviations**2, left_out) + state.spread
-    return np.sqrt(np.minimum(variances, 1.0 / UNIFORM_PRECISION))
+    by_fit = np.maximum(state.prior.deviations, least) ** 2
+    variances = np.maximum(by_fit, left_out) + state.spread
+    widths = _agreed(state, np.sqrt(variances))
+    return np.minimum(widths, UNIFORM_PRECISION**-0.5)
+
+
+def _agreed(state: OnlineState, widths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Widen standard deviations (n,) by how far the estimate is from an earlier one.
+
+    From that of the last refit with at most half of the present observations: it is a fit to those,
+    as `joint_search` makes one of half of them.
+    """
+    count = state.used - state.begun
+    halves = [each for each in state.refitted if 2 * (each.used - state.begun) <= count]
+    if not halves:
+        return widths
+    last = halves[-1]
+    agreed = agreed_deviations(
+        state.unit,
+        widths,
+        Gaussian.about(last.unit, np.diag(last.deviations**-2.0)),
+        [np.arange(len(state.materials)), *state.families.values()],
+        state.free,
+        share=(last.used - state.begun) / count,
+        balanced=False,
+    )
+    # What was known before all observations is as certain as it was.
+    before = state.ground.bounded(state.centre).deviations
+    return np.minimum(agreed, np.maximum(widths, before))
 
 
 def _is_away(state: OnlineState, information: Gaussian, deviations: float) -> bool:

@@ -54,6 +54,8 @@ LINE = (
     "attainable",
     "camera",
     "online_over_batch",
+    "batch_over_batch",
+    "online_within_2_sigma",
     "mass_ratio_90",
     "disturbed",
     "drift_observations",

@@ -192,7 +192,11 @@ class Learned:
 
 
 def learn_by_default(
-    observations: Sequence[Observation], *, seconds: float | None = None, threads: int = THREADS
+    observations: Sequence[Observation],
+    *,
+    seconds: float | None = None,
+    threads: int = THREADS,
+    seed: int = 0,
 ) -> Learned:
     """Learn as users do: the public function, from the library's defaults, by the default method.
 
@@ -206,7 +210,7 @@ def learn_by_default(
     result = learn(
         observations,
         make_simulator("auto", threads=threads),
-        LearningOptions(criteria=criteria),
+        LearningOptions(criteria=criteria, seed=seed),
         on_checkpoint=checkpoint.update,
     )
     took = time.perf_counter() - began

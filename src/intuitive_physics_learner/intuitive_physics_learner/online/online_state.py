@@ -114,7 +114,10 @@ class Refitted:
     deviations: NDArray[np.float64]
 
     def among(self, places: NDArray[np.int64], size: int) -> Refitted:
-        """Return the same among more parameters, of which nothing is known."""
+        """Return the same among more parameters, of which nothing is known.
+
+        `places` (n,) indices of these n parameters among all.
+        """
         unit, deviations = np.zeros(size), np.full(size, UNIFORM_PRECISION**-0.5)
         unit[places], deviations[places] = self.unit, self.deviations
         return Refitted(self.used, unit, deviations)

@@ -102,8 +102,6 @@ class JointProblem:
             spins = likelihood.spins if with_spins else member.likelihood.spins
             own = parameters[likelihood.parameters]
             member.likelihood = replace(likelihood, parameters=own, spins=spins)
-        deviations = curvature_posterior(fit).deviations
-        state.free[parameters], state.ends[parameters] = one_sided_moves(fit, deviations)
         state.add_up()
 
 
@@ -166,11 +164,19 @@ class JointFits:
         state.spread = np.zeros(state.unit.size)
         state.spread[problem.parameters] = staged.jointly.choose(COMPARED_BEYOND)
         problem.take_over(staged.joint, with_spins=True)
+        self._follow_profiles(problem, staged.joint)
         self._forget_what_disagrees()
         self._note_refit(problem, begun_anew if begun_anew in staged.jointly.fits else staged.joint)
         if len(problem.members) >= FEWEST_COMPARED:
             # It has explained all observations better than what is published.
             state.win_trial(len(problem.members))
+
+    def _follow_profiles(self, problem: JointProblem, fit: JointFit) -> None:
+        """Note where the loss is flatter than slopes say; it takes as long as a few steps."""
+        state, parameters = self.state, problem.parameters
+        deviations = curvature_posterior(fit).deviations
+        state.free[parameters], ends = one_sided_moves(fit, deviations)
+        state.flatness[parameters] = ends / deviations
 
     def _note_refit(self, problem: JointProblem, fit: JointFit) -> None:
         """Remember a fit to all observations, beside what those to more of them lead to."""

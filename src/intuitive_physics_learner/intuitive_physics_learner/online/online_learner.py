@@ -153,8 +153,8 @@ class OnlineLearner:
         state.ground = information if informed else state.given()
         state.retired = state.posterior = state.ground
         state.window, state.past, state.doubtful = [], [], []
-        for name in ("spread", "ends", "free"):
-            setattr(state, name, np.zeros_like(getattr(state, name)))
+        state.spread, state.flatness = np.zeros(state.unit.size), np.ones(state.unit.size)
+        state.free = np.zeros((state.unit.size, 2))
         state.count_from(0)
         state.retired_spins = SpinEvidence.about(
             whole.initial_spins if informed else InitialSpins()

@@ -138,9 +138,10 @@ class OnlineState:
     posterior : with all that are kept
     spread : (n,) widths², how far fits from other starts were from the best one at the last refit,
         each weighted by its evidence
-    ends, free : (n,) and (n, 2) widths, deviation of each parameter and how far it can be moved
-        down and up if it is bound to one side only, by the profile of the loss at its last fit
-        (`one_sided_moves`); 0 before that
+    flatness : (n,) by how much the profile of the loss was flatter than slopes said at the last
+        refit: a factor of at least 1 on the deviation of each parameter
+    free : (n, 2) widths, how far parameters could be moved down and up then that are bound to one
+        side only; 0 for others
     window : observations that are fitted jointly
     past : observations that have left the window, the newest last, whose likelihoods are linear
         until all that are kept are fitted again
@@ -173,7 +174,7 @@ class OnlineState:
     retired: Gaussian
     posterior: Gaussian
     spread: NDArray[np.float64]
-    ends: NDArray[np.float64]
+    flatness: NDArray[np.float64]
     free: NDArray[np.float64]
     window: list[Member] = field(default_factory=list)
     past: list[Member] = field(default_factory=list)
@@ -234,7 +235,8 @@ class OnlineState:
         What a user gave stays. `parameters` (k,) their indices; `ground`: whether what was known
         before all observations is forgotten as well.
         """
-        self.spread[parameters] = self.ends[parameters] = self.free[parameters] = 0.0
+        self.spread[parameters] = self.free[parameters] = 0.0
+        self.flatness[parameters] = 1.0
         if ground:
             self.ground = self.ground.without(parameters).joined(self.given().part(parameters))
         self.retired = self.retired.without(parameters).joined(self.ground.part(parameters))
@@ -311,6 +313,11 @@ class OnlineState:
         """Knowledge before the next observation."""
         return self.posterior.bounded(self.centre)
 
+    @property
+    def ends(self) -> NDArray[np.float64]:
+        """Standard deviation (n,) of each parameter by its profile, widths."""
+        return self.prior.deviations * self.flatness
+
     def know_materials(self, materials: Sequence[str]) -> None:
         """Take up materials of which nothing is known, beside those there are."""
         together = tuple(dict.fromkeys((*self.materials, *materials)))
@@ -322,9 +329,9 @@ class OnlineState:
         unit = centre.copy()
         centre[places], unit[places] = self.centre, self.unit
         self.materials, self.centre, self.unit = together, centre, unit
-        for name in ("spread", "ends", "free"):
+        for name, nothing in (("spread", 0.0), ("flatness", 1.0), ("free", 0.0)):
             before = getattr(self, name)
-            among = np.zeros((centre.size, *before.shape[1:]))
+            among = np.full((centre.size, *before.shape[1:]), nothing)
             among[places] = before
             setattr(self, name, among)
         for name in ("ground", "retired", "posterior", "published_information", "challenger"):

@@ -24,6 +24,7 @@ from benchmarks.learning.scores import (
     Coverage,
     coverage,
     dishonest,
+    rounded_share,
     share_within,
 )
 from benchmarks.results.result import Column, Table
@@ -261,7 +262,7 @@ def measure(quick: bool, first_seed: int) -> Outcome:
         key_figures={
             "online_over_batch": round(ratio, 3),
             "batch_over_batch": round(max(each.batch_ratio for each in comparisons), 3),
-            "online_within_2_sigma": _rounded(share_within(together)),
+            "online_within_2_sigma": rounded_share(share_within(together)),
             **drifts,
         },
         complaints=complaints,
@@ -273,10 +274,6 @@ def _by_count(comparisons: Sequence[Comparison]) -> dict[int, list[Coverage]]:
     coverages = [each.coverages for each in comparisons]
     groups = {n: [each[n] for each in coverages if n in each] for n in COMPARED_AFTER}
     return {number: group for number, group in groups.items() if group}
-
-
-def _rounded(share: float | None) -> float | None:
-    return None if share is None else round(share, 3)
 
 
 def mean_drift(drifts: Sequence[Drift]) -> float | None:

@@ -85,6 +85,11 @@ def share_within(coverages: Sequence[Coverage]) -> float | None:
     return sum(each.within for each in coverages) / identified if identified else None
 
 
+def rounded_share(share: float | None) -> float | None:
+    """Return a share as the last line has it; None where there is none."""
+    return None if share is None else round(share, 3)
+
+
 def identified_of_active(coverages: Sequence[Coverage]) -> str:
     """Return "n of m": identified parameters of the active ones."""
     return f"{sum(e.identified for e in coverages)} of {sum(e.active for e in coverages)}"

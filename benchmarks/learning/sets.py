@@ -27,6 +27,7 @@ from benchmarks.learning.scores import (
     dishonest,
     excess,
     identified_of_active,
+    rounded_share,
     share_within,
 )
 from benchmarks.results.result import Column, Table
@@ -118,17 +119,15 @@ def figures(results: Sequence[SetResult]) -> dict[str, Any]:
             name: _spread(groups[name]) if name in groups else None for name in SIZES
         },
         "defaults_pass": sum(_passes(result, result.default_excess) for result in results),
-        "within_2_sigma": {name: _rounded(share_within(each)) for name, each in shares.items()},
+        "within_2_sigma": {
+            name: rounded_share(share_within(each)) for name, each in shares.items()
+        },
         "identified": identified_of_active(coverages),
     }
 
 
 def _coverages(results: Sequence[SetResult]) -> list[Coverage]:
     return [result.coverage for result in results]
-
-
-def _rounded(share: float | None) -> float | None:
-    return None if share is None else round(share, 3)
 
 
 def _passes(result: SetResult, value: float) -> bool:

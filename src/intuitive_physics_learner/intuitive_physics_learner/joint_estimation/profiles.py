@@ -115,6 +115,15 @@ def move_simulations(fit: JointFit) -> float:
     return fit.model.simulations_of(fit.estimate, 2 + 4 * USUAL_ROUNDS)
 
 
+def is_one_sided(moves: NDArray[np.float64], deviations: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether parameters (n,) are bound to one side only.
+
+    `moves` (n, 2) widths, how far they can be moved down and up; `deviations` (n,) widths.
+    """
+    far = moves.max(axis=1) > ONE_SIDED_DEVIATIONS * UNIFORM * deviations
+    return np.asarray(far & (deviations < LARGEST_DEVIATION))
+
+
 def one_sided_moves(
     fit: JointFit, deviations: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -128,8 +137,7 @@ def one_sided_moves(
     identified = deviations < LARGEST_DEVIATION
     moves = plausible_moves(fit, np.where(identified, least * deviations, np.inf))
     ends = np.maximum(deviations, moves.min(axis=1) / UNIFORM)
-    one_sided = (moves.max(axis=1) > least * ends) & (ends < LARGEST_DEVIATION)
-    return np.where(one_sided[:, None], moves, 0.0), ends
+    return np.where(is_one_sided(moves, ends)[:, None], moves, 0.0), ends
 
 
 def mean_square_moves(free: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:

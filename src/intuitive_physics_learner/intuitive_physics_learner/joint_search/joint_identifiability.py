@@ -23,10 +23,10 @@ from intuitive_physics_learner.joint_estimation.half_agreement import agreed_dev
 from intuitive_physics_learner.joint_estimation.order_of_fits import StagedFit
 from intuitive_physics_learner.joint_estimation.profiles import (
     curvature_posterior,
+    is_one_sided,
     one_sided_moves,
 )
 from intuitive_physics_learner.search.identifiability import (
-    ONE_SIDED_DEVIATIONS,
     Identifiability,
     widened_information,
 )
@@ -56,9 +56,8 @@ def joint_identifiability(
     reserved = began - seconds_left() if np.isfinite(began) else 0.0
     free, ends = one_sided_moves(fit, posterior.deviations)
     agreed = _agreed(staged, ends, free, task, lambda: seconds_left() < reserved)
-    least = ONE_SIDED_DEVIATIONS * UNIFORM
     agreed = np.sqrt(agreed**2 + staged.jointly.spread)
-    one_sided = (free.max(axis=1) > least * agreed) & (agreed < LARGEST_DEVIATION)
+    one_sided = is_one_sided(free, agreed)
     agreed = np.minimum(agreed, fit.prior.deviations)
     factors = agreed / posterior.deviations
     slopes = _slopes(searched, fit.unit)

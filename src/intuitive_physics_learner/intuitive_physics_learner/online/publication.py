@@ -19,16 +19,13 @@ from intuitive_physics.parameter_posterior import (
 from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
 from intuitive_physics_learner.joint_estimation.half_agreement import agreed_deviations
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
-from intuitive_physics_learner.joint_estimation.profiles import mean_square_moves
+from intuitive_physics_learner.joint_estimation.profiles import is_one_sided, mean_square_moves
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.online.jackknife import jackknife_variances
 from intuitive_physics_learner.online.lone_fit import LoneFit
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.search.gaussian import Gaussian
-from intuitive_physics_learner.search.identifiability import (
-    ONE_SIDED_DEVIATIONS,
-    widened_information,
-)
+from intuitive_physics_learner.search.identifiability import widened_information
 from intuitive_physics_learner.search.one_sided_intervals import UNIFORM
 from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 
@@ -166,9 +163,7 @@ def _interval_ends(state: OnlineState, widths: NDArray[np.float64]) -> NDArray[n
 
     `widths` (n,) standard deviations that are published.
     """
-    least = ONE_SIDED_DEVIATIONS * UNIFORM
-    one_sided = (state.free.max(axis=1, initial=0.0) > least * widths) & ~state.held
-    one_sided &= widths < LARGEST_DEVIATION
+    one_sided = is_one_sided(state.free, widths) & ~state.held
     moves = np.maximum(state.free, UNIFORM * widths[:, None]) * (-1.0, 1.0)
     ends = np.clip(state.unit[:, None] + moves, 0.0, 1.0)
     return np.where(one_sided[:, None], ends, np.nan)

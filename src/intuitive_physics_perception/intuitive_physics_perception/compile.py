@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,6 @@ from intuitive_physics.kernels.warm_up import WarmUp
 from intuitive_physics.scene import StaticBox
 from intuitive_physics_perception.appearance.sphere_image import sphere_image
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
-from intuitive_physics_perception.detection.box_fit import find_faces
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.foreground import ForegroundFinder
 from intuitive_physics_perception.detection.sphere_inspection import SECTORS, outside_in_sectors
@@ -23,7 +23,7 @@ from intuitive_physics_perception.environment.static_boxes import StaticBoxFilte
 from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.compressed import unpack_rvl
 from intuitive_physics_perception.input.depth import points_from_depth
-from intuitive_physics_perception.input.point_cloud import Field, points_from_cloud_data
+from intuitive_physics_perception.input.point_cloud import points_of_cloud
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -62,7 +62,6 @@ def warm_up() -> None:
     # Only what touches a ball calls it.
     outside_in_sectors(_corner(), np.array([0.0, 0.0, 1.5, 0.2]), np.ones(SECTORS, dtype=bool))
     unpack_rvl(np.zeros(1, dtype="<u4"), 1)
-    find_faces(_corner(), np.full(300, 1e-3), np.random.default_rng(0))
 
 
 def _leave_out_box(model: EnvironmentModel, points: NDArray[np.float32]) -> None:
@@ -123,17 +122,21 @@ def _look_at_ball(points: NDArray[np.float32]) -> None:
 
 def _as_cloud(points: NDArray[np.float32], kind: str) -> NDArray[np.float32]:
     data = points.astype(kind)
-    step = 3 * data.itemsize
-    return points_from_cloud_data(
-        data.tobytes(),
-        width=WIDTH * HEIGHT,
-        height=1,
-        point_step=step,
-        row_step=step * WIDTH * HEIGHT,
-        fields=[
-            Field(name, k * data.itemsize, FIELD_DATATYPES[kind], 1) for k, name in enumerate("xyz")
-        ],
-        is_bigendian=False,
+    step, datatype = 3 * data.itemsize, FIELD_DATATYPES[kind]
+    fields = [
+        SimpleNamespace(name=name, offset=k * data.itemsize, datatype=datatype, count=1)
+        for k, name in enumerate("xyz")
+    ]
+    return points_of_cloud(
+        SimpleNamespace(
+            data=data.tobytes(),
+            width=WIDTH * HEIGHT,
+            height=1,
+            point_step=step,
+            row_step=step * WIDTH * HEIGHT,
+            fields=fields,
+            is_bigendian=False,
+        )
     )
 
 

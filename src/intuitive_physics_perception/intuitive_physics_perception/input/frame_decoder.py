@@ -13,18 +13,13 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_perception.input.camera import Intrinsics
-from intuitive_physics_perception.input.colors import colors_from_cloud_data, colors_from_image_data
-from intuitive_physics_perception.input.compressed import (
-    colors_from_compressed_data,
-    depth_from_compressed_data,
-)
+from intuitive_physics_perception.input.compressed import depth_from_compressed_data
 from intuitive_physics_perception.input.depth import (
     check_size,
     depth_from_image_data,
     points_from_depth,
 )
-from intuitive_physics_perception.input.point_cloud import Field, points_from_cloud_data
-from intuitive_physics_perception.input.reading_times import times_from_cloud_data
+from intuitive_physics_perception.input.point_cloud import points_of_cloud
 
 
 class _Camera:
@@ -128,61 +123,7 @@ class FrameDecoder:
         InvalidInputError
             When it has no readable x, y, z or its data do not fit its header.
         """
-        return points_from_cloud_data(
-            cloud.data, **_layout(cloud), is_bigendian=bool(cloud.is_bigendian)
-        )
-
-    @staticmethod
-    def cloud_colors(cloud: Any) -> NDArray[np.uint8] | None:
-        """Return the colours (height, width, 3) of a PointCloud2 of which `cloud_points` has read
-        the points; None where it has none."""
-        return colors_from_cloud_data(cloud.data, **_layout(cloud))
-
-    @staticmethod
-    def cloud_times(cloud: Any) -> NDArray[np.float32] | None:
-        """Return the time of each point after the stamp, (height, width) s, of a PointCloud2 of
-        which `cloud_points` has read the points; None where it has none."""
-        stamp = cloud.header.stamp.sec + 1e-9 * cloud.header.stamp.nanosec
-        return times_from_cloud_data(cloud.data, **_layout(cloud), stamp=stamp)
-
-    @staticmethod
-    def image_colors(image: Any) -> NDArray[np.uint8]:
-        """Return the colours (height, width, 3) of a colour Image.
-
-        Raises
-        ------
-        InvalidInputError
-            When it is no colour image or its data do not fit its header.
-        """
-        return colors_from_image_data(
-            image.data,
-            width=image.width,
-            height=image.height,
-            encoding=image.encoding,
-            step=image.step,
-        )
-
-    @staticmethod
-    def compressed_image_colors(image: Any) -> NDArray[np.uint8]:
-        """Return the colours (height, width, 3) of a CompressedImage.
-
-        Raises
-        ------
-        InvalidInputError
-            When it is neither a JPEG nor a PNG.
-        """
-        return colors_from_compressed_data(image.data)
-
-
-def _layout(cloud: Any) -> dict[str, Any]:
-    """Layout of the data of a PointCloud2, as keyword arguments."""
-    return {
-        "width": cloud.width,
-        "height": cloud.height,
-        "point_step": cloud.point_step,
-        "row_step": cloud.row_step,
-        "fields": [Field(f.name, f.offset, f.datatype, f.count) for f in cloud.fields],
-    }
+        return points_of_cloud(cloud)
 
 
 def _windowed(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,33 +10,14 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.kernels import entry
-from intuitive_physics_perception.input.raw_data import RawData, checked_bytes
+from intuitive_physics_perception.input.raw_data import checked_bytes
 
 FIELD_TYPES: dict[int, np.dtype[Any]] = {7: np.dtype("<f4"), 8: np.dtype("<f8")}
 """sensor_msgs/PointField datatypes a coordinate may have: FLOAT32 and FLOAT64."""
 
 
-@dataclass(frozen=True)
-class Field:
-    """One entry of a PointCloud2's field description, named as in the message."""
-
-    name: str
-    offset: int
-    datatype: int
-    count: int
-
-
-def points_from_cloud_data(
-    data: RawData,
-    *,
-    width: int,
-    height: int,
-    point_step: int,
-    row_step: int,
-    fields: Sequence[Field],
-    is_bigendian: bool,
-) -> NDArray[np.float32]:
-    """Return the frame of points, (height, width, 3), of the raw data of a PointCloud2 message.
+def points_of_cloud(cloud: Any) -> NDArray[np.float32]:
+    """Return the frame of points, (height, width, 3), of a PointCloud2 message.
 
     Fields other than x, y, z are skipped; x, y, z may come in any order, each float32 or float64. A
     point with a coordinate that is not finite, or with zeros in all three as some drivers write
@@ -49,14 +29,20 @@ def points_from_cloud_data(
         When x, y or z is missing, of another type or outside the point, when the data is
         big-endian, or when its length does not fit width, height and steps.
     """
-    coordinates = _coordinates(fields, point_step)
+    width, height, row_step, point_step = (
+        cloud.width,
+        cloud.height,
+        cloud.row_step,
+        cloud.point_step,
+    )
+    coordinates = _coordinates(cloud.fields, point_step)
     view = checked_bytes(
-        data,
+        cloud.data,
         width=width,
         height=height,
         pixel_step=point_step,
         row_step=row_step,
-        is_bigendian=is_bigendian,
+        is_bigendian=bool(cloud.is_bigendian),
         what="cloud",
     )
     points = np.empty((height, width, 3), dtype=np.float32)
@@ -82,7 +68,7 @@ def points_from_cloud_data(
     return points
 
 
-def _coordinates(fields: Sequence[Field], point_step: int) -> list[Field]:
+def _coordinates(fields: Sequence[Any], point_step: int) -> list[Any]:
     """Return the fields of x, y and z after checking that they can be read."""
     by_name = {field.name: field for field in fields}
     missing = [name for name in "xyz" if name not in by_name]

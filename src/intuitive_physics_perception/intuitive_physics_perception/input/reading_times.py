@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
-from intuitive_physics_perception.input.point_cloud import Field
-from intuitive_physics_perception.input.raw_data import RawData
 
 TIME_FIELDS = ("t", "time", "timestamp", "offset_time")
 """Names of the field with the time of a point: of Ouster, of Velodyne, of Hesai, RoboSense and
@@ -32,39 +31,32 @@ LONGEST = 1.0
 these. Set by hand: LiDARs send frames 5 to 50 times a second."""
 
 
-def times_from_cloud_data(
-    data: RawData,
-    *,
-    width: int,
-    height: int,
-    point_step: int,
-    row_step: int,
-    fields: Sequence[Field],
-    stamp: float,
-) -> NDArray[np.float32] | None:
+def times_of_cloud(cloud: Any) -> NDArray[np.float32] | None:
     """Return the time of each point after the stamp, (height, width) s, of a PointCloud2 message
-    that can be read.
+    of which the points have been read.
 
     Times may be counted from the stamp or be absolute; of the units that a type may have, the one
     holds that gives times near the stamp. None where there is no such field, or its times are of
     another clock than the stamp.
-
-    `stamp` in s.
     """
-    for field in fields:
+    stamp = cloud.header.stamp.sec + 1e-9 * cloud.header.stamp.nanosec
+    for field in cloud.fields:
         if (
             field.name not in TIME_FIELDS
             or field.datatype not in TIME_TYPES
             or field.count not in (0, 1)
-            or not (width and height)
+            or not (cloud.width and cloud.height)
         ):
             continue
         kind, units = TIME_TYPES[field.datatype]
-        if not 0 <= field.offset <= point_step - np.dtype(kind).itemsize:
+        if not 0 <= field.offset <= cloud.point_step - np.dtype(kind).itemsize:
             continue
-        view = memoryview(data).cast("B")
         raw = np.ndarray(
-            (height, width), kind, view, offset=field.offset, strides=(row_step, point_step)
+            (cloud.height, cloud.width),
+            kind,
+            memoryview(cloud.data).cast("B"),
+            offset=field.offset,
+            strides=(cloud.row_step, cloud.point_step),
         ).astype(np.float64)
         is_known = np.isfinite(raw)
         for unit, is_absolute in units if is_known.any() else ():

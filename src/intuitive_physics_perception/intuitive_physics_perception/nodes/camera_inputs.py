@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TypeAlias
 
-from rclpy.node import Node
-
 from intuitive_physics_perception.input.frame_order import FrameOrder
-from intuitive_physics_perception.nodes.frame_input import INPUTS, Frame, FrameInput, UseFrame
+from intuitive_physics_perception.nodes.frame_input import Frame, FrameInput
 from intuitive_physics_perception.nodes.frame_worker import FrameWorker
 from intuitive_physics_ros.conversions import seconds_from_stamp
-from intuitive_physics_ros.diagnostics import Diagnostics
-from intuitive_physics_ros.lifecycle.kernel_loading import KernelLoading
 
 WAITING = 3
 """Frames of each camera that may wait."""
@@ -26,28 +22,16 @@ class CameraInputs:
 
     Parameters
     ----------
-    node : that subscribes
-    diagnostics : of the node
     cameras : names, of which the first is empty
-    messages : value of the parameter `input`
     window : s that a frame waits at most for earlier ones of other cameras
-    is_placed, rectified, color, row_time, kernels, use : as of `FrameInput`
+    make_input : makes the input of a camera, from its name and what takes each of its messages
     """
 
     def __init__(
         self,
-        node: Node,
-        diagnostics: Diagnostics,
         cameras: Sequence[str],
-        messages: str,
-        *,
         window: float,
-        is_placed: bool,
-        rectified: bool,
-        color: bool,
-        row_time: float,
-        kernels: KernelLoading,
-        use: UseFrame,
+        make_input: Callable[[str, Callable[[Frame], None]], FrameInput],
     ) -> None:
         self._order = FrameOrder[NamedFrame](tuple(cameras), window)
         several = len(cameras) > 1
@@ -58,20 +42,7 @@ class CameraInputs:
             pause=window if several else None,
         )
         self._inputs = {
-            camera: FrameInput(
-                node,
-                diagnostics,
-                camera,
-                INPUTS[messages],
-                is_placed=is_placed,
-                rectified=rectified,
-                color=color,
-                row_time=row_time,
-                kernels=kernels,
-                put=partial(self._put, camera),
-                use=use,
-            )
-            for camera in cameras
+            camera: make_input(camera, partial(self._put, camera)) for camera in cameras
         }
 
     @property

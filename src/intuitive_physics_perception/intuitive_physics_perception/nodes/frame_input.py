@@ -15,8 +15,11 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import Header
 
 from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
+from intuitive_physics_perception.input.colors import colors_of_cloud, colors_of_image
+from intuitive_physics_perception.input.compressed import colors_from_compressed_data
 from intuitive_physics_perception.input.frame_decoder import FrameDecoder
-from intuitive_physics_perception.input.reading_times import times_of_rows
+from intuitive_physics_perception.input.point_cloud import points_of_cloud
+from intuitive_physics_perception.input.reading_times import times_of_cloud, times_of_rows
 from intuitive_physics_ros.conversions import seconds_from_stamp
 from intuitive_physics_ros.diagnostics import Diagnostics, Level, Status
 from intuitive_physics_ros.lifecycle.kernel_loading import KernelLoading
@@ -110,6 +113,7 @@ class FrameInput:
     node : that subscribes
     diagnostics : of the node
     camera : its name, empty for the first
+    put : called with each message that arrives; hands it over to a thread that calls `handle`
     kinds : messages that are subscribed to; of several the one that is good first stays, as both
         show the same scene
     is_placed : whether tf has where each camera is
@@ -117,8 +121,7 @@ class FrameInput:
     color : whether to subscribe to colour images registered to the depth images
     row_time : from row to row of an image, s, as in `times_of_rows`
     kernels : of the perception of a frame
-    put : called with each message that arrives; hands it over to a thread that calls `handle`
-    use : called there with each frame; returns why it could not be used, empty when it could
+    use : called in that thread with each frame; returns why it could not be used, else nothing
     """
 
     def __init__(
@@ -126,14 +129,14 @@ class FrameInput:
         node: Node,
         diagnostics: Diagnostics,
         camera: str,
-        kinds: tuple[type[Frame], ...],
+        put: Callable[[Frame], None],
         *,
+        kinds: tuple[type[Frame], ...],
         is_placed: bool,
         rectified: bool,
         color: bool,
         row_time: float,
         kernels: KernelLoading,
-        put: Callable[[Frame], None],
         use: UseFrame,
     ) -> None:
         self._node = node
@@ -237,8 +240,8 @@ class FrameInput:
         """Points of a frame, their colours and times."""
         header, decoder = message.header, self._decoder
         if isinstance(message, PointCloud2):
-            points, colors = decoder.cloud_points(message), decoder.cloud_colors(message)
-            return DecodedFrame(camera, header, points, colors, decoder.cloud_times(message))
+            points, colors = points_of_cloud(message), colors_of_cloud(message)
+            return DecodedFrame(camera, header, points, colors, times_of_cloud(message))
         if isinstance(message, CompressedImage):
             points = decoder.compressed_image_points(message)
         else:
@@ -307,12 +310,11 @@ class ColorInput:
         return None
 
     def _on_image(self, message: Image | CompressedImage) -> None:
-        is_compressed = isinstance(message, CompressedImage)
-        decode = (
-            FrameDecoder.compressed_image_colors if is_compressed else FrameDecoder.image_colors
-        )
         try:
-            colors = decode(message)
+            if isinstance(message, CompressedImage):
+                colors = colors_from_compressed_data(message.data)
+            else:
+                colors = colors_of_image(message)
         except IntuitivePhysicsError as error:
             self._monitor.rejected(error)
             return

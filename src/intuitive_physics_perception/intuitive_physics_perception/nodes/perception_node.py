@@ -22,7 +22,7 @@ from intuitive_physics_perception.compile import warm_up
 from intuitive_physics_perception.environment.gravity import RestingAccelerometer
 from intuitive_physics_perception.frame_result import FrameDiagnostics, FrameResult
 from intuitive_physics_perception.nodes.camera_inputs import CameraInputs
-from intuitive_physics_perception.nodes.frame_input import INPUTS, DecodedFrame
+from intuitive_physics_perception.nodes.frame_input import INPUTS, DecodedFrame, FrameInput
 from intuitive_physics_perception.nodes.outputs import MARKER_RATE, Outputs, object_names
 from intuitive_physics_perception.nodes.user_frames import FixedFrame, PublishedFrame
 from intuitive_physics_perception.pipeline import PerceptionPipeline
@@ -172,12 +172,11 @@ class PerceptionNode(ManagedNode):
         self._frame.listen(self._transforms)
         if self._pipeline.settings.gravity_source == "imu":
             self._make_imu(values["imu_orientation"])
-        self._input = CameraInputs(
+        make_input = partial(
+            FrameInput,
             self,
             self.diagnostics,
-            self._cameras,
-            values["input"],
-            window=values["reordering_time"],
+            kinds=INPUTS[values["input"]],
             is_placed=bool(values["fixed_frame"]),
             rectified=values["image_is_rectified"],
             color=values["use_color"],
@@ -185,6 +184,7 @@ class PerceptionNode(ManagedNode):
             kernels=self.kernels,
             use=self._perceive,
         )
+        self._input = CameraInputs(self._cameras, values["reordering_time"], make_input)
         self.diagnostics.add("environment", self._check_environment)
         self.diagnostics.add("pose of the sensor", self._fixed.check)
         for camera in self._cameras[1:]:

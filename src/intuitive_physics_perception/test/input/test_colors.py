@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace as Message
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,12 +12,7 @@ from hypothesis import strategies as st
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.solids import with_color
-from intuitive_physics_perception.input.colors import (
-    CHANNELS,
-    colors_from_cloud_data,
-    colors_from_image_data,
-)
-from intuitive_physics_perception.input.point_cloud import Field
+from intuitive_physics_perception.input.colors import CHANNELS, colors_of_cloud, colors_of_image
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -40,14 +37,15 @@ def test_red_green_and_blue_of_images_of_all_encodings(
             written[:, :, k] = colors[:, :, "rgb".index(letter)]
     rows = [row.tobytes() + bytes(padding) for row in written]
     step = width * written.shape[2] + padding
-    read = colors_from_image_data(
-        b"".join(rows), width=width, height=height, encoding=encoding, step=step
+    read = colors_of_image(
+        Message(data=b"".join(rows), width=width, height=height, encoding=encoding, step=step)
     )
     np.testing.assert_array_equal(read, colors)
 
 
 def test_grey_is_as_much_red_as_green_and_blue() -> None:
-    read = colors_from_image_data(bytes(range(6)), width=3, height=2, encoding="mono8", step=3)
+    grey = Message(data=bytes(range(6)), width=3, height=2, encoding="mono8", step=3)
+    read = colors_of_image(grey)
     assert read[1].tolist() == [[3, 3, 3], [4, 4, 4], [5, 5, 5]]
 
 
@@ -62,7 +60,7 @@ def test_grey_is_as_much_red_as_green_and_blue() -> None:
 def test_images_that_are_no_colour_are_refused(changes, message) -> None:
     header = {"width": 3, "height": 2, "encoding": "rgb8", "step": 9}
     with pytest.raises(InvalidInputError, match=message):
-        colors_from_image_data(bytes(18), **{**header, **changes})
+        colors_of_image(Message(data=bytes(18), **{**header, **changes}))
 
 
 @pytest.mark.parametrize("name", ["rgb", "rgba"])
@@ -72,13 +70,12 @@ def test_packed_colours_of_a_cloud(name, datatype) -> None:
     words = np.array([[0x00FF8001, 0xFF102030]], "<u4")
     data = np.zeros((1, 2, 4), "<u4")
     data[:, :, 3] = words
-    read = colors_from_cloud_data(
-        data.tobytes(),
-        width=2,
-        height=1,
-        point_step=16,
-        row_step=32,
-        fields=[Field("x", 0, 7, 1), Field(name, 12, datatype, 1)],
+    fields = [
+        Message(name="x", offset=0, datatype=FLOAT32, count=1),
+        Message(name=name, offset=12, datatype=datatype, count=1),
+    ]
+    read = colors_of_cloud(
+        Message(data=data.tobytes(), width=2, height=1, point_step=16, row_step=32, fields=fields)
     )
     assert read.tolist() == [[[0xFF, 0x80, 0x01], [0x10, 0x20, 0x30]]]
 
@@ -90,13 +87,9 @@ def test_packed_colours_of_a_cloud(name, datatype) -> None:
     count=st.integers(0, 3),
 )
 def test_fields_that_hold_no_packed_colour_are_none(name, offset, datatype, count) -> None:
-    read = colors_from_cloud_data(
-        bytes(64),
-        width=2,
-        height=2,
-        point_step=16,
-        row_step=32,
-        fields=[Field(name, offset, datatype, count)],
+    field = Message(name=name, offset=offset, datatype=datatype, count=count)
+    read = colors_of_cloud(
+        Message(data=bytes(64), width=2, height=2, point_step=16, row_step=32, fields=[field])
     )
     good = name != "intensity" and datatype in (6, 7) and count < 2 and 0 <= offset <= 12
     assert (read is None) == (not good)

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace as Message
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics_perception.input.point_cloud import Field, points_from_cloud_data
+from intuitive_physics_perception.input.point_cloud import points_of_cloud
 
-XYZ = [Field("x", 0, 7, 1), Field("y", 4, 7, 1), Field("z", 8, 7, 1)]
+
+def field(name: str, offset: int, datatype: int, count: int = 1) -> Message:
+    return Message(name=name, offset=offset, datatype=datatype, count=count)
+
+
+XYZ = [field("x", 0, 7, 1), field("y", 4, 7, 1), field("z", 8, 7, 1)]
 
 
 def cloud(points: np.ndarray, **changes):
@@ -23,7 +30,7 @@ def cloud(points: np.ndarray, **changes):
         "fields": XYZ,
         "is_bigendian": False,
     }
-    return points_from_cloud_data(data.tobytes(), **{**arguments, **changes})
+    return points_of_cloud(Message(data=data.tobytes(), **{**arguments, **changes}))
 
 
 def test_fields_in_any_order_and_of_both_precisions() -> None:
@@ -38,19 +45,17 @@ def test_fields_in_any_order_and_of_both_precisions() -> None:
     rows = np.zeros((2, 3), layout)
     rows["x"], rows["y"], rows["z"] = 1.5, np.arange(6).reshape(2, 3), -2.25
     padded = b"".join(row.tobytes() + b"??" for row in rows)
-    points = points_from_cloud_data(
-        padded,
-        width=3,
-        height=2,
-        point_step=26,
-        row_step=80,
-        fields=[
-            Field("z", 0, 8, 1),
-            Field("intensity", 8, 4, 1),
-            Field("x", 10, 7, 1),
-            Field("y", 16, 8, 1),
-        ],
-        is_bigendian=False,
+    fields = [field("z", 0, 8), field("intensity", 8, 4), field("x", 10, 7), field("y", 16, 8)]
+    points = points_of_cloud(
+        Message(
+            data=padded,
+            width=3,
+            height=2,
+            point_step=26,
+            row_step=80,
+            fields=fields,
+            is_bigendian=False,
+        )
     )
     assert points.dtype == np.float32
     assert points[..., 0] == pytest.approx(1.5)
@@ -72,9 +77,9 @@ def test_an_empty_cloud_has_no_points() -> None:
     [
         ({"fields": XYZ[:2]}, "z missing"),
         ({"fields": []}, "x, y, z missing"),
-        ({"fields": [*XYZ[:2], Field("z", 8, 5, 1)]}, "field z .* datatype 5"),
-        ({"fields": [*XYZ[:2], Field("z", 8, 7, 3)]}, "field z .* count 3"),
-        ({"fields": [*XYZ[:2], Field("z", 10, 7, 1)]}, "bytes 10 to 14"),
+        ({"fields": [*XYZ[:2], field("z", 8, 5, 1)]}, "field z .* datatype 5"),
+        ({"fields": [*XYZ[:2], field("z", 8, 7, 3)]}, "field z .* count 3"),
+        ({"fields": [*XYZ[:2], field("z", 10, 7, 1)]}, "bytes 10 to 14"),
         ({"is_bigendian": True}, "big-endian"),
         ({"row_step": 13}, "rows of 13 bytes"),
         ({"height": 2}, "48 for 2 rows"),
@@ -88,7 +93,7 @@ def test_clouds_that_cannot_be_read_are_refused(changes: dict, message: str) -> 
 sizes = st.integers(0, 40) | st.integers(0, 2**32 - 1)
 raw_fields = st.lists(
     st.builds(
-        Field,
+        field,
         st.sampled_from(["x", "y", "z", "rgb", ""]),
         st.integers(0, 40) | st.integers(0, 2**32 - 1),
         st.sampled_from([7, 8]) | st.integers(0, 255),
@@ -106,14 +111,16 @@ def test_any_cloud_message_gives_points_or_one_error(
     data, width, height, point_step, row_step, fields, is_bigendian
 ) -> None:
     try:
-        points = points_from_cloud_data(
-            data,
-            width=width,
-            height=height,
-            point_step=point_step,
-            row_step=row_step,
-            fields=fields,
-            is_bigendian=is_bigendian,
+        points = points_of_cloud(
+            Message(
+                data=data,
+                width=width,
+                height=height,
+                point_step=point_step,
+                row_step=row_step,
+                fields=fields,
+                is_bigendian=is_bigendian,
+            )
         )
     except InvalidInputError:
         return

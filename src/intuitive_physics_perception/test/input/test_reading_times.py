@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace as Message
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
-from intuitive_physics_perception.input.point_cloud import Field
 from intuitive_physics_perception.input.reading_times import (
     as_of_start,
-    times_from_cloud_data,
+    times_of_cloud,
     times_of_rows,
 )
 
@@ -19,17 +20,21 @@ SCAN = np.linspace(0.0, 0.1, 12)
 """s, in one scan."""
 
 
-def cloud(name: str, values: np.ndarray, datatype: int) -> dict:
+def cloud(name: str, values: np.ndarray, datatype: int) -> Message:
     record = np.zeros(values.shape, dtype=[("xyz", "<f4", 3), (name, values.dtype)])
     record[name] = values
-    return {
-        "data": record.tobytes(),
-        "width": values.shape[1],
-        "height": values.shape[0],
-        "point_step": record.itemsize,
-        "row_step": record.itemsize * values.shape[1],
-        "fields": [Field("x", 0, 7, 1), Field(name, 12, datatype, 1)],
-    }
+    return Message(
+        header=Message(stamp=Message(sec=int(STAMP), nanosec=round(1e9 * (STAMP % 1.0)))),
+        data=record.tobytes(),
+        width=values.shape[1],
+        height=values.shape[0],
+        point_step=record.itemsize,
+        row_step=record.itemsize * values.shape[1],
+        fields=[
+            Message(name="x", offset=0, datatype=7, count=1),
+            Message(name=name, offset=12, datatype=datatype, count=1),
+        ],
+    )
 
 
 @pytest.mark.parametrize(
@@ -43,7 +48,7 @@ def cloud(name: str, values: np.ndarray, datatype: int) -> dict:
     ],
 )
 def test_times_of_points_are_those_of_the_driver(name, values, datatype, expected) -> None:
-    offsets = times_from_cloud_data(**cloud(name, values.reshape(3, 4), datatype), stamp=STAMP)
+    offsets = times_of_cloud(cloud(name, values.reshape(3, 4), datatype))
     # Doubles of nanoseconds since 1970 are 0.26 µs apart, and those of seconds 0.24 µs.
     assert offsets == pytest.approx(expected.reshape(3, 4), abs=1e-6)
     assert offsets.dtype == np.float32
@@ -59,10 +64,10 @@ def test_times_of_points_are_those_of_the_driver(name, values, datatype, expecte
     ],
 )
 def test_other_times_and_fields_are_none(name, values, datatype) -> None:
-    cloud_data = cloud(name, values.reshape(3, 4), datatype)
-    assert times_from_cloud_data(**cloud_data, stamp=STAMP) is None
-    fields = [Field("x", 0, 7, 1), Field("time", 4096, 7, 1)]
-    assert times_from_cloud_data(**cloud_data | {"fields": fields}, stamp=STAMP) is None
+    message = cloud(name, values.reshape(3, 4), datatype)
+    assert times_of_cloud(message) is None
+    message.fields = [Message(name="time", offset=4096, datatype=7, count=1)]
+    assert times_of_cloud(message) is None
 
 
 def test_rows_are_exposed_one_after_the_other() -> None:

@@ -17,8 +17,7 @@ from intuitive_physics_perception.environment.environment_model import (
 )
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.planes import DetectedPlane
-from intuitive_physics_perception.environment.static_boxes import with_static_boxes
-from intuitive_physics_perception.scene import ModelledScene
+from intuitive_physics_perception.scene import ModelledScene, begun
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SAME_PLANE = 5.0
@@ -96,11 +95,7 @@ class FurtherCamera:
             return
         (rng,) = self._rng.spawn(1)
         job = self._frames, seen, self._settings, rng, self._background
-        if self._background is not None:
-            self._modelling = self._background.submit(_modelled, *job)
-        else:
-            self._modelling = Future()
-            self._modelling.set_result(_modelled(*job))
+        self._modelling = begun(self._background, _modelled, *job)
 
 
 def _modelled(
@@ -118,8 +113,6 @@ def _modelled(
     except NoEnvironmentError:
         # Nothing that could be a support is in its view, but what is known is.
         model = seen
-    if settings.static_boxes:
-        model = with_static_boxes(model, frames, settings, rng)
     scene = ModelledScene(model, frames, settings, rng, 1, measured=True, background=background)
     return scene, doubt
 

@@ -24,7 +24,6 @@ from intuitive_physics_perception.environment.environment_model import (
     model_environment,
 )
 from intuitive_physics_perception.environment.noise import RangeNoise
-from intuitive_physics_perception.environment.static_boxes import with_static_boxes
 from intuitive_physics_perception.frame_result import (
     FrameDiagnostics,
     FrameResult,
@@ -32,7 +31,7 @@ from intuitive_physics_perception.frame_result import (
     StageTimer,
 )
 from intuitive_physics_perception.further_camera import FurtherCamera
-from intuitive_physics_perception.scene import ModelledScene
+from intuitive_physics_perception.scene import ModelledScene, begun
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import (
     Episode,
@@ -308,11 +307,7 @@ class PerceptionPipeline:
         (rng,) = self._rng.spawn(1)
         frames = [scene.without_followed(points) for points in self._standing]
         job = frames, self.settings, rng, scene.model, self._background
-        if self._background is not None:
-            return self._background.submit(_modelled_elsewhere, *job)
-        done: Future[ModelledScene | None] = Future()
-        done.set_result(_modelled_elsewhere(*job))
-        return done
+        return begun(self._background, _modelled_elsewhere, *job)
 
     def _with_new_model(
         self, scene: ModelledScene, result: FrameResult, pose: RigidTransform
@@ -483,8 +478,6 @@ def _modelled_scene(
     model = model_environment(frames, settings, rng, up)
     if known is not None:
         model = model.in_frame_of(known)
-    if settings.static_boxes:
-        model = with_static_boxes(model, frames, settings, rng)
     return ModelledScene(
         model,
         frames,

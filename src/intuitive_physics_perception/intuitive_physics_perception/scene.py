@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from copy import copy
 from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -82,6 +83,8 @@ remembered."""
 
 LOOK_EVERY = 0.25
 """Time, s, between two checks for changes: half of the shortest time of a change."""
+
+Result = TypeVar("Result")
 
 
 class EnvironmentCheck:
@@ -212,9 +215,10 @@ class Stages:
 class ModelledScene:
     """One environment as it changes, and what moves in it.
 
-    `frames` (height, width, 3) m each, that it was modelled from; `measured`: whether gravity was
-    measured, so that flights are not needed; `background`: in which the environment is revised
-    while frames go on; None revises it at once.
+    `model`: of its planes, to which what else stands there is added; `frames` (height, width, 3) m
+    each, that it was modelled from; `measured`: whether gravity was measured, so that flights are
+    not needed; `background`: in which the environment is revised while frames go on; None revises
+    it at once.
     """
 
     def __init__(
@@ -228,6 +232,7 @@ class ModelledScene:
         measured: bool = False,
         background: Executor | None = None,
     ) -> None:
+        model = with_static_boxes(model, frames, settings, rng)
         self._settings = settings
         self._rng = rng
         self._background = background
@@ -290,18 +295,13 @@ class ModelledScene:
 
         `points` (height, width, 3) m.
         """
+        is_unknown = clusters.unknown > LOOKED_AT * clusters.readings
+        if self._looking is None and self.stages.before is None and is_unknown:
+            job = [self.without_followed(points)], self.model.sensor_pose
+            self._looking = begun(self._background, self._space.filled, *job)
         if self._looking is not None and self._looking.done():
             self._space.fill(self._looking.result())
             self._looking = None
-        if self._looking is not None or self.stages.before is not None:
-            return
-        if clusters.unknown <= LOOKED_AT * clusters.readings:
-            return
-        job = [self.without_followed(points)], self.model.sensor_pose
-        if self._background is not None:
-            self._looking = self._background.submit(self._space.filled, *job)
-        else:
-            self._space.fill(self._space.filled(*job))
 
     def find_spheres(
         self, points: NDArray[np.float32], clusters: Clusters, time: float, budget: FrameBudget
@@ -494,11 +494,7 @@ class ModelledScene:
         # A generator of its own: the frames meanwhile draw from the other one.
         (rng,) = self._rng.spawn(1)
         job = self.model, points, before, self._space, self._settings, rng
-        if self._background is not None:
-            self._pending = self._background.submit(_revised_stages, *job)
-        else:
-            self._pending = Future()
-            self._pending.set_result(_revised_stages(*job))
+        self._pending = begun(self._background, _revised_stages, *job)
 
     def _take(self, stages: Stages, view: View) -> str:
         """Replace the environment by a revised one; return a sentence on how it differs."""
@@ -511,6 +507,17 @@ class ModelledScene:
         changes = [("come", new_ids - old_ids), ("gone", old_ids - new_ids)]
         text = "; ".join(f"{change}: {', '.join(sorted(ids))}" for change, ids in changes if ids)
         return f"the environment has changed; {text or 'parts of it end elsewhere'}"
+
+
+def begun(
+    background: Executor | None, job: Callable[..., Result], *arguments: Any
+) -> Future[Result]:
+    """Begin a job in the background and return its result to come; without one do it at once."""
+    if background is not None:
+        return background.submit(job, *arguments)
+    done: Future[Result] = Future()
+    done.set_result(job(*arguments))
+    return done
 
 
 def _ids(environment: Environment) -> set[str]:
@@ -553,8 +560,7 @@ def _revised_stages(
     revised = revised_environment(model, points, settings, rng)
     if revised is None:
         return None
-    if settings.static_boxes:
-        revised = with_static_boxes(revised, [points], settings, rng, model.environment.boxes)
+    revised = with_static_boxes(revised, [points], settings, rng, model.environment.boxes)
     stages = Stages(revised, settings, rng, before)
     stages.prepare(points)
     return stages, space.view([points], revised.sensor_pose)

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.kernels import allocating_entry
 from intuitive_physics.shapes import Box
 from intuitive_physics_perception.detection.detections import DetectedSolid
+from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.planes import (
     DetectedPlane,
     least_squares_plane,
     planes_through,
 )
+from intuitive_physics_perception.environment.range_cloud import RangeCloud
 
 BOX_INLIERS = 0.88
 """Part of the readings that must lie on the faces of a box."""
@@ -58,21 +58,22 @@ STANDING_ANGLE = 6.0
 """Largest angle between a box's axis and the plane's normal, degrees."""
 
 
+def cloud_of_box(points: NDArray[np.float64], noise: RangeNoise) -> RangeCloud:
+    """Return the cloud of points (n, 3) m, to be compared with faces of a box."""
+    return RangeCloud(points, noise, FACE_SIGMAS * SURFACE_DEVIATION, FACE_SIGMAS)
+
+
 def fit_box(
-    points: NDArray[np.float64],
-    deviations: NDArray[np.float64],
-    planes: Sequence[DetectedPlane],
-    rng: np.random.Generator,
+    cloud: RangeCloud, planes: Sequence[DetectedPlane], rng: np.random.Generator
 ) -> DetectedSolid | None:
-    """Return the box whose faces hold the points, None where there are not two at a right angle.
+    """Return the box whose faces hold the points of a cloud, None where there are not two at a
+    right angle.
 
     One face alone does not determine the depth of a box. Readings at the foot of a box are taken
     for the plane it stands on, so a box that almost reaches one of `planes` reaches it.
-
-    `points` (n, 3) m, the sensor at the origin; `deviations` (n,) m, of the readings along their
-    rays.
     """
-    faces = find_faces(points, deviations, rng)
+    points = cloud.points
+    faces = find_faces(cloud, rng)
     if faces is None or np.mean(faces.face >= 0) < BOX_INLIERS:
         return None
     low, high = _bounds(points, faces)
@@ -90,7 +91,7 @@ def fit_box(
     has_face = np.arange(3) < len(faces.offsets)
     # Along a normal the face is known well and only the far side depends on where edges are seen.
     across = faces.rotation @ np.diag(np.where(has_face, 0.25, 0.5) * variance) @ faces.rotation.T
-    turn = (np.median(deviations) / edges.max()) ** 2 * 12.0 / max(len(points), 1) + 1e-4
+    turn = (np.median(cloud.deviations) / edges.max()) ** 2 * 12.0 / max(len(points), 1) + 1e-4
     return DetectedSolid(
         shape=Box((float(edges[0]), float(edges[1]), float(edges[2]))),
         center=center,
@@ -211,109 +212,61 @@ class BoxFaces:
     errors: NDArray[np.float64]
 
 
-def find_faces(
-    points: NDArray[np.float64], deviations: NDArray[np.float64], rng: np.random.Generator
-) -> BoxFaces | None:
-    """Return the faces that the points lie on, None where there are not two at a right angle.
-
-    `points` (n, 3) m, the sensor at the origin; `deviations` (n,) m, of the readings along their
-    rays.
-    """
-    normals = _face_normals(points, deviations, rng)
-    return _refined(points, deviations, normals) if len(normals) > 1 else None
+def find_faces(cloud: RangeCloud, rng: np.random.Generator) -> BoxFaces | None:
+    """Return the faces that the points lie on, None where there are not two at a right angle."""
+    normals = _face_normals(cloud, rng)
+    return _refined(cloud, normals) if len(normals) > 1 else None
 
 
-def _face_normals(
-    points: NDArray[np.float64], deviations: NDArray[np.float64], rng: np.random.Generator
-) -> list[NDArray[np.float64]]:
+def _face_normals(cloud: RangeCloud, rng: np.random.Generator) -> list[NDArray[np.float64]]:
     """Normals of up to three faces at about right angles, the one with most points first."""
     normals: list[NDArray[np.float64]] = []
-    free = np.ones(len(points), dtype=bool)
-    needed = max(FACE_READINGS, int(FACE_PART * len(points)))
-    while len(normals) < 3 and free.sum() >= needed:
-        plane = _best_plane(points[free], deviations[free], normals, rng)
+    free = np.arange(len(cloud.points))
+    needed = max(FACE_READINGS, int(FACE_PART * len(free)))
+    while len(normals) < 3 and free.size >= needed:
+        plane = _best_plane(cloud, free, normals, rng)
         if plane is None:
             break
-        near = np.abs(_scaled(points, deviations, plane)) < FACE_SIGMAS
-        if (near & free).sum() < needed:
+        near = cloud.near(plane, free)
+        if near.sum() < needed:
             break
         normals.append(plane[:3])
-        free &= ~near
+        free = free[~near]
     return normals
 
 
 def _best_plane(
-    points: NDArray[np.float64],
-    deviations: NDArray[np.float64],
+    cloud: RangeCloud,
+    free: NDArray[np.intp],
     upright_to: Sequence[NDArray[np.float64]],
     rng: np.random.Generator,
 ) -> NDArray[np.float64] | None:
-    """The plane (4,) with most points near, at about right angles to some normals."""
-    triples = points[rng.integers(len(points), size=(FACE_HYPOTHESES, 3))]
-    planes = planes_through(triples)
+    """The plane (4,) with most free points near, at about right angles to some normals."""
+    planes = planes_through(cloud.points[free[rng.integers(free.size, size=(FACE_HYPOTHESES, 3))]])
     largest_cosine = float(np.cos(np.radians(FACE_ANGLE)))
     for other in upright_to:
         planes = planes[np.abs(planes[:, :3] @ other) < largest_cosine]
     if not len(planes):
         return None
-    every = max(len(points) // FACE_SCORED_POINTS, 1)
-    # Other types of array would be compiled for while a frame waits.
-    arrays = points[::every], deviations[::every], planes
-    scores = _near_counts(
-        *(np.ascontiguousarray(array, np.float64) for array in arrays),
-        FACE_SIGMAS**2,
-        SURFACE_DEVIATION**2,
-    )
-    best = planes[int(scores.argmax())]
-    inliers = points[np.abs(_scaled(points, deviations, best)) < FACE_SIGMAS]
+    scored = free[:: max(free.size // FACE_SCORED_POINTS, 1)]
+    best = planes[int(cloud.near(planes, scored).sum(axis=1).argmax())]
+    inliers = cloud.points[free[cloud.near(best, free)]]
     return least_squares_plane(inliers) if len(inliers) >= 3 else None
 
 
-def _scaled(
-    points: NDArray[np.float64], deviations: NDArray[np.float64], planes: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Distances from planes (..., 4), (..., n), in standard deviations; noise acts along rays."""
-    along = planes[..., :3] @ points.T
-    cosine = along / np.linalg.norm(points, axis=1)
-    spread = np.sqrt(np.square(deviations * cosine) + SURFACE_DEVIATION**2)
-    return (along - planes[..., 3:]) / spread
-
-
-@allocating_entry
-def _near_counts(
-    points: Any, deviations: Any, planes: Any, sigmas2: float, surface_variance: float
-) -> Any:
-    """Number of points near each plane (n, 4), as `_scaled` has it."""
-    counts = np.zeros(planes.shape[0], dtype=np.int64)
-    for i in range(points.shape[0]):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        sway = deviations[i] * deviations[i] / (x * x + y * y + z * z)
-        for k in range(planes.shape[0]):
-            along = planes[k, 0] * x + planes[k, 1] * y + planes[k, 2] * z
-            error = along - planes[k, 3]
-            spread2 = sway * along * along + surface_variance
-            counts[k] += error * error < sigmas2 * spread2
-    return counts
-
-
-def _refined(
-    points: NDArray[np.float64],
-    deviations: NDArray[np.float64],
-    normals: Sequence[NDArray[np.float64]],
-) -> BoxFaces | None:
+def _refined(cloud: RangeCloud, normals: Sequence[NDArray[np.float64]]) -> BoxFaces | None:
     """Faces at exactly right angles that fit best: each point goes to its nearest face."""
-    count = len(normals)
+    points, count = cloud.points, len(normals)
     stacked = np.column_stack(normals)
     if count == 3 and np.linalg.det(stacked) < 0.0:
         stacked = stacked[:, [1, 0, 2]]
     rotation = _right_angled(stacked, np.ones(count))
     offsets = np.array([np.quantile(points @ axis, 0.9) for axis in rotation.T[:count]])
     for _ in range(FACE_REFINEMENTS):
-        planes = np.column_stack([rotation.T[:count], offsets])
-        scaled = _scaled(points, deviations, planes)
+        scaled = cloud.scaled_distances(np.column_stack([rotation.T[:count], offsets]))
         face = np.abs(scaled).argmin(axis=0)
         errors = scaled[face, np.arange(len(points))]
-        face[np.abs(errors) > FACE_SIGMAS] = -1
+        face[np.abs(errors) > 1.0] = -1
         parts = [points[face == k] for k in range(count)]
         if min(len(part) for part in parts) < FACE_READINGS:
             return None
@@ -323,7 +276,7 @@ def _refined(
         offsets = np.array(
             [float(np.median(part @ axis)) for part, axis in zip(parts, rotation.T, strict=False)]
         )
-    return BoxFaces(rotation, offsets, face, errors)
+    return BoxFaces(rotation, offsets, face, FACE_SIGMAS * errors)
 
 
 def _right_angled(

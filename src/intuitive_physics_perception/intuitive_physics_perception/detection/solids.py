@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.scene import StaticBox
-from intuitive_physics_perception.detection.box_fit import SURFACE_DEVIATION, fit_box
+from intuitive_physics_perception.detection.box_fit import SURFACE_DEVIATION, cloud_of_box, fit_box
 from intuitive_physics_perception.detection.capsule_fit import fit_capsule
 from intuitive_physics_perception.detection.cluster_memory import MOVEMENT, ClusterMemory
 from intuitive_physics_perception.detection.detections import (
@@ -116,9 +116,9 @@ class SolidFinder:
         total = len(readings)
         if total > FITTED_POINTS:
             readings = readings[self._rng.choice(total, FITTED_POINTS, replace=False)]
-        deviations = self._model.noise.deviation(np.linalg.norm(readings, axis=1))
-        capsule = fit_capsule(readings, deviations, self._model.noise.lateral)
-        box = fit_box(readings, deviations, self._model.detected, self._rng)
+        cloud = cloud_of_box(readings, self._model.noise)
+        capsule = fit_capsule(readings, cloud.deviations, self._model.noise.lateral)
+        box = fit_box(cloud, self._model.detected, self._rng)
         fits = [
             fit
             for fit in (capsule, box)

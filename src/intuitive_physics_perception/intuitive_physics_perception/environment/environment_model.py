@@ -210,7 +210,7 @@ def model_environment(
         planes, settings, up, len(points), measured=measured, organised=is_organised(frames)
     )
     noise = _measured_noise(frames, upward.planes, assumed, settings, rng)
-    cloud = RangeCloud(fuse(frames, settings, rng, MAX_EDGE_POINTS), noise, settings)
+    cloud = RangeCloud.of_scene(fuse(frames, settings, rng, MAX_EDGE_POINTS), noise, settings)
     planes = with_edges(upward.planes, cloud, rng, 2.0 * settings.min_radius)
     rotation, translation = _gravity_aligned(planes[0] if upward.has_support else None, upward.up)
     names = [f"plane_{k}" for k in range(len(planes))]
@@ -258,7 +258,9 @@ def revised_environment(
     planes, names = _named(planes, model)
     if model.has_support != _supports(planes, names, model, settings):
         return None
-    cloud = RangeCloud(fuse([frame], settings, rng, MAX_EDGE_POINTS), model.noise, settings)
+    cloud = RangeCloud.of_scene(
+        fuse([frame], settings, rng, MAX_EDGE_POINTS), model.noise, settings
+    )
     planes = with_edges(planes, cloud, rng, 2.0 * settings.min_radius)
     environment = replace(
         model.environment,
@@ -396,7 +398,7 @@ def _scan_noise(
 ) -> RangeNoise:
     """Noise of a cloud without pixels (1, n, 3), whose noise along the rays is known."""
     readings = fuse([frame], settings, rng, frame.shape[1])
-    spacing = angle_between_readings(RangeCloud(readings, measured, settings), rng)
+    spacing = angle_between_readings(RangeCloud.of_scene(readings, measured, settings), rng)
     if spacing <= 0.0:
         return measured
     points, errors = _errors_on_planes(readings, planes, measured, settings)

@@ -178,7 +178,7 @@ def detect_planes(
     `points` (n, 3) m, all finite, the sensor at the origin; `old_planes` (4,) normal and offset in
     m of each plane that was there before; it stays where it was as long as enough points are near.
     """
-    cloud = RangeCloud(points, noise, settings)
+    cloud = RangeCloud.of_scene(points, noise, settings)
     needed = max(int(settings.plane_min_fraction * len(points)), 3)
     candidates = [plane for plane in old_planes if cloud.near(plane).sum() >= needed]
     fixed = len(candidates)

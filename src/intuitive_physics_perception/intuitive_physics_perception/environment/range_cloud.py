@@ -28,17 +28,24 @@ GRAZING = 0.02
 class RangeCloud:
     """Points with what is needed to judge how near to a plane they are.
 
-    `points` (n, 3) m, all finite, the sensor at the origin.
+    `points` (n, 3) m, all finite, the sensor at the origin; `tolerance` m, unevenness of a plane;
+    `sigmas`: standard deviations of the noise within which a point belongs to it.
     """
 
     def __init__(
-        self, points: NDArray[np.float64], noise: RangeNoise, settings: PerceptionSettings
+        self, points: NDArray[np.float64], noise: RangeNoise, tolerance: float, sigmas: float
     ) -> None:
         self.points = np.asarray(points, dtype=np.float64)
         self.ranges = np.linalg.norm(self.points, axis=1)
         self.deviations = noise.deviation(self.ranges)
-        self.tolerance = settings.plane_tolerance
-        self.sigmas = settings.plane_sigmas
+        self.tolerance, self.sigmas = tolerance, sigmas
+
+    @staticmethod
+    def of_scene(
+        points: NDArray[np.float64], noise: RangeNoise, settings: PerceptionSettings
+    ) -> RangeCloud:
+        """Return the cloud of points (n, 3) m, to be compared with planes of an environment."""
+        return RangeCloud(points, noise, settings.plane_tolerance, settings.plane_sigmas)
 
     def scaled_distances(
         self,
@@ -66,10 +73,10 @@ class RangeCloud:
     def near(
         self, plane: NDArray[np.float64], which: NDArray[np.intp] | slice = slice(None)
     ) -> NDArray[np.bool_]:
-        """Mark the points (n,) that may be on a plane, by noise and unevenness.
+        """Mark the points (..., n) that may be on planes, by noise and unevenness.
 
-        `plane` (4,) normal and offset in m; `which` (n,) indices of the points; all of them if not
-        given.
+        `plane` (..., 4) normal and offset in m; `which` (n,) indices of the points; all of them if
+        not given.
         """
         return np.abs(self.scaled_distances(plane, which)) < 1.0
 

@@ -60,11 +60,14 @@ def with_static_boxes(
     rng: np.random.Generator,
     old_boxes: Sequence[StaticBox] = (),
 ) -> EnvironmentModel:
-    """Return a model with a box around all that stands still and is no object.
+    """Return a model with a box around all that stands still and is no object, where such boxes are
+    asked for.
 
     `frames` (height, width, 3) m each, those the model was made from; `old_boxes`: boxes that
     were there before: what still stands as it did keeps its place and its id.
     """
+    if not settings.static_boxes:
+        return model
     whole = np.ascontiguousarray(fused_frame(frames, frames[0].size), dtype=np.float32)
     balls = _places_of_spheres(model, whole, settings, rng)
     frame = np.ascontiguousarray(fused_frame([whole], MAX_EDGE_POINTS), dtype=np.float32)

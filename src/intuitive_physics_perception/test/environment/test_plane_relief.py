@@ -123,7 +123,7 @@ def cloud_of(rng, heights, noise=0.001):
     """Readings all over a square of 2 m, 2 m below the sensor, with the floor's normal as z."""
     x, y = rng.uniform(-1.0, 1.0, (2, 8000))
     z = -2.0 + heights(x, y) + noise * rng.normal(size=x.size)
-    return RangeCloud(
+    return RangeCloud.of_scene(
         np.column_stack([x, y, z]), RangeNoise(noise, 0.0, 0.1, 0.0), PerceptionSettings()
     )
 

@@ -116,13 +116,9 @@ class PerceptionPipeline:
         return self._scene.model if self._scene else None
 
     def take_up(self, up: ArrayLike) -> None:
-        """Take the measured direction against gravity.
+        """Take the measured direction against gravity, (3,) in the sensor's frame, of any length.
 
         With `gravity_source` "imu" the environment is modelled once it is known.
-
-        Parameters
-        ----------
-        up : (3,) in the sensor's frame, of any length
         """
         self._up, self._up_seen_from = unit_vector(up, "up"), self._pose
 
@@ -173,7 +169,7 @@ class PerceptionPipeline:
         restarted = time < self._last_time
         episodes = self._restarted() if restarted else ()
         self._last_time, self._last_camera = time, camera
-        if not _has_readings(points):
+        if not np.isfinite(points[..., 2]).any():
             problem = "the frame has no reading at all; expected points: is the sensor covered?"
             result = self._unused(time, problem)
         elif camera:
@@ -183,7 +179,8 @@ class PerceptionPipeline:
             result = self._model(time, self._up_from_here())
         else:
             self._pose = pose
-            self._look_from(scene, pose)
+            if pose is not None and self._modelled_at is not None:
+                scene.look_from(self._modelled_at.inverse.after(pose))
             result = self._perceive(scene, points, time, colors, scene, offsets=offsets)
             if pose is not None and self._scene is scene:
                 self._model_where_it_stands(scene, points, time, pose)
@@ -243,16 +240,18 @@ class PerceptionPipeline:
         timer = StageTimer(self._clock)
         with timer.stage("environment"):
             try:
-                self._scene = _modelled_scene(
-                    frames,
-                    self.settings,
-                    self._rng,
-                    up,
-                    first_track=self._next_track,
-                    background=self._background,
-                )
+                model = model_environment(frames, self.settings, self._rng, up)
             except NoEnvironmentError as error:
                 return self._unused(time, str(error))
+            self._scene = ModelledScene(
+                model,
+                frames,
+                self.settings,
+                self._rng,
+                self._next_track,
+                measured=up is not None,
+                background=self._background,
+            )
             self._modelled_at = self._pose
         return FrameResult(
             time, self.model, is_new_model=True, diagnostics=FrameDiagnostics(seconds=timer.seconds)
@@ -275,10 +274,6 @@ class PerceptionPipeline:
 
     def _noise_hides(self, way: RigidTransform) -> bool:
         return is_same_view(way, RangeNoise.from_settings(self.settings))
-
-    def _look_from(self, scene: ModelledScene, pose: RigidTransform | None) -> None:
-        if pose is not None and self._modelled_at is not None:
-            scene.look_from(self._modelled_at.inverse.after(pose))
 
     def _model_where_it_stands(
         self, scene: ModelledScene, points: NDArray[np.float32], time: float, pose: RigidTransform
@@ -319,7 +314,8 @@ class PerceptionPipeline:
         self._modelling, modelled = None, modelling.scene.result()
         if modelled is None or not self._noise_hides(modelling.pose.inverse.after(pose)):
             return result
-        modelled.go_on_from(scene)
+        modelled.share_tracking(scene)
+        modelled.track_in_environment()
         self._scene, self._modelled_at = modelled, modelling.pose
         return replace(result, model=modelled.model, is_new_model=True)
 
@@ -461,34 +457,6 @@ class PerceptionPipeline:
         return FrameResult(time, self.model, diagnostics=FrameDiagnostics(problem=problem))
 
 
-def _modelled_scene(
-    frames: Sequence[NDArray[np.float32]],
-    settings: PerceptionSettings,
-    rng: np.random.Generator,
-    up: NDArray[np.float64] | None,
-    *,
-    first_track: int = 1,
-    known: EnvironmentModel | None = None,
-    background: Executor | None,
-) -> ModelledScene:
-    """Model the environment of frames (height, width, 3) m, and prepare to perceive in it.
-
-    `up` (3,), where it was measured; `known`: as seen from the same place, whose frame is kept.
-    """
-    model = model_environment(frames, settings, rng, up)
-    if known is not None:
-        model = model.in_frame_of(known)
-    return ModelledScene(
-        model,
-        frames,
-        settings,
-        rng,
-        first_track,
-        measured=up is not None,
-        background=background,
-    )
-
-
 def _modelled_elsewhere(
     frames: Sequence[NDArray[np.float32]],
     settings: PerceptionSettings,
@@ -500,12 +468,8 @@ def _modelled_elsewhere(
 
     `frames` (height, width, 3) m; `known`: as seen from there.
     """
-    up = known.rotation[2]
     try:
-        return _modelled_scene(frames, settings, rng, up, known=known, background=background)
+        model = model_environment(frames, settings, rng, known.rotation[2]).in_frame_of(known)
     except NoEnvironmentError:
         return None
-
-
-def _has_readings(points: NDArray[np.float32]) -> bool:
-    return bool(points.size) and bool(np.isfinite(points[..., 2]).any())
+    return ModelledScene(model, frames, settings, rng, 1, measured=True, background=background)

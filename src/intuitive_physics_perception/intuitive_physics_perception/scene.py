@@ -298,7 +298,7 @@ class ModelledScene:
         is_unknown = clusters.unknown > LOOKED_AT * clusters.readings
         if self._looking is None and self.stages.before is None and is_unknown:
             job = [self.without_followed(points)], self.model.sensor_pose
-            self._looking = begun(self._background, self._space.filled, *job)
+            self._looking = begun(self._background, self._space.view, *job)
         if self._looking is not None and self._looking.done():
             self._space.fill(self._looking.result())
             self._looking = None
@@ -419,13 +419,8 @@ class ModelledScene:
             cleared[np.linalg.norm(points - centre, axis=2) < reach] = np.nan
         return cleared
 
-    def go_on_from(self, other: ModelledScene) -> None:
-        """Take over what is followed in the same environment, modelled in the same frame."""
-        self.share_tracking(other)
-        self.track_in_environment()
-
     def share_tracking(self, other: ModelledScene) -> None:
-        """Follow what another scene follows, as a further camera of the same environment."""
+        """Follow what another scene of the same environment, in the same frame, follows."""
         self.tracker, self.episodes = other.tracker, other.episodes
 
     def track_in_environment(self) -> None:

@@ -104,7 +104,7 @@ class ImageSeries:
         while True:
             longest = LONGEST_STEP / float(np.max(self.times[reach:] - self.times[:-reach]))
             for _ in range(STEPS):
-                sums = self._overlay(spin, reach)
+                sums = overlay(self._values, self._axes, self.times, spin, reach, self._pitch)
                 normal = sums[:GRADIENT].reshape(3, 3)
                 damped = normal + (1e-5 * np.trace(normal) + 1e-12) * np.eye(3)
                 step = np.linalg.solve(damped, sums[GRADIENT:MEAT])
@@ -122,12 +122,6 @@ class ImageSeries:
         """Angular velocity (3,) rad/s of the line of sight from the first image to the last."""
         first, last = self._axes[0, 2], self._axes[-1, 2]
         return np.asarray(np.cross(first, last) / (self.times[-1] - self.times[0]))
-
-    def _overlay(self, spin: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
-        sums: NDArray[np.float64] = overlay(
-            self._values, self._axes, self.times, spin, reach, self._pitch
-        )
-        return sums
 
     def _spin_of(self, mean: NDArray[np.float64], sums: NDArray[np.float64]) -> Spin:
         """A spin with its covariance and evidence from the sums over all pairs of images."""

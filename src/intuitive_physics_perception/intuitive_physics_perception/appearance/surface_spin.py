@@ -142,19 +142,18 @@ class SurfaceSpin:
 
     def _found(self, series: ImageSeries, search: TurnSearch) -> Spin | None:
         """The spin that explains the images, found from the best of those tried."""
-        count, agreement = CANDIDATES, AGREEMENT
-        begins = search.best(RIVALS * count)
-        fits = [series.fitted(begin, reach=REACH) for begin in begins[:count]]
-        best = self._accepted(series, fits, agreement)
+        begins = search.best(RIVALS * CANDIDATES)
+        fits = [series.fitted(begin, reach=REACH) for begin in begins[:CANDIDATES]]
+        best = self._accepted(series, fits, AGREEMENT)
         if best is None:
             return None
         # Before it is believed, others are looked for where they may have been missed.
         near = NEAR_TURN / search.duration * np.concatenate([np.eye(3), -np.eye(3)])
         rivals = [*(best.mean + near)]
         if np.linalg.norm(best.mean) * search.duration > RECURRING:
-            rivals += begins[count:]
+            rivals += begins[CANDIDATES:]
         fits += [series.fitted(rival, reach=REACH) for rival in rivals]
-        return self._accepted(series, fits, agreement)
+        return self._accepted(series, fits, AGREEMENT)
 
     def _thin(self) -> None:
         """Keep as many images as are compared: without the one whose neighbours are closest."""

@@ -57,7 +57,6 @@ class TurnSearch:
 
     def __init__(self, duration: float) -> None:
         self.duration = duration
-        self._contrast = MIN_CONTRAST
         self._rotations, turns, places = turn_tables(SEARCH_STEP)
         count = np.searchsorted(np.linalg.norm(turns, axis=1), MAX_SPIN * duration)
         self._turns, self._places = turns[:count], places[:count]
@@ -74,7 +73,7 @@ class TurnSearch:
             intervals = (times[-1] - time) / self.duration
             lag = round(intervals)
             # Two sides without a pattern say nothing.
-            shown = max(image.contrast, newest.contrast) >= self._contrast
+            shown = max(image.contrast, newest.contrast) >= MIN_CONTRAST
             if shown and 1 <= lag <= LAGS and abs(intervals - lag) < UNEVEN:
                 add_scores(
                     image.coarse,

@@ -103,10 +103,7 @@ class DetectedSphere:
     ) -> DetectedSphere:
         """Return it in another frame, p_other = rotation p + translation.
 
-        Parameters
-        ----------
-        rotation : (3, 3)
-        translation : (3,) m
+        `rotation` (3, 3); `translation` (3,) m.
         """
         turn = np.eye(4)
         turn[:3, :3] = rotation

@@ -184,27 +184,20 @@ def all_objects(
     `solids`: finds boxes and capsules; None to leave them out; `colors` (height, width, 3) of the
     points, where they are known; `budget`: of the frame, None has no end.
     """
-    unexplained = (
-        [part for part in spheres_by_cluster if part.rest > SPHERES_LEAVE] if solids else []
-    )
-    waiting = [part.cluster for part in unexplained]
-    by_cluster = solids.find(points, waiting, budget) if solids else []
-    whole = [
-        ObjectInFrame(solid, part.cluster)
-        for part, solid in zip(unexplained, by_cluster, strict=True)
-        if solid is not None
-    ]
-    replaced = {id(item.cluster) for item in whole}
-    clusters = {
-        id(sphere): part.cluster
+    objects: list[ObjectInFrame] = []
+    if solids is not None:
+        clusters = [part.cluster for part in spheres_by_cluster if part.rest > SPHERES_LEAVE]
+        found = zip(solids.find(points, clusters, budget), clusters, strict=True)
+        objects = [ObjectInFrame(solid, cluster) for solid, cluster in found if solid is not None]
+    explained = {id(item.cluster) for item in objects}
+    cluster_of = {
+        sphere: part.cluster
         for part in spheres_by_cluster
-        if id(part.cluster) not in replaced
+        if id(part.cluster) not in explained
         for sphere in part.spheres
     }
-    spheres = [
-        sphere for part in spheres_by_cluster for sphere in part.spheres if id(sphere) in clusters
-    ]
-    objects = [ObjectInFrame(item, clusters[id(item)]) for item in without_doubles(spheres)] + whole
+    spheres = without_doubles(list(cluster_of))
+    objects = [*(ObjectInFrame(sphere, cluster_of[sphere]) for sphere in spheres), *objects]
     if colors is None:
         return objects
     return [

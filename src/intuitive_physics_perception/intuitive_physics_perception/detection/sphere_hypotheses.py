@@ -139,7 +139,9 @@ class SphereHypotheses:
             return
         if may_move:
             yield from self._swept(readings)
-        inscribed = self._inscribed(view)
+        inscribed = (
+            inscribed_spheres(view.points, view.cluster, view.pixel) if view.is_organised else []
+        )
         if len(inscribed) > 1:
             for start in map(Start, inscribed):
                 yield Hypothesis(self._fitter.part_near(readings, start), start, must_end=True)
@@ -181,11 +183,6 @@ class SphereHypotheses:
         if suggested is not None:
             deviation = settings.max_speed * settings.exposure / SPEED_SIGMAS
             yield Hypothesis(self._fitter.part(readings), Start(*suggested, deviation))
-
-    def _inscribed(self, view: ClusterView) -> list[NDArray[np.float64]]:
-        if not view.is_organised:
-            return []
-        return inscribed_spheres(view.points, view.cluster, view.pixel)
 
     def _explains(self, points: NDArray[np.float32], sphere: NDArray[np.float64]) -> bool:
         """Cheap inlier test before refinement: are most points in the outline on the sphere?"""

@@ -243,13 +243,14 @@ class SphereFinder:
     def _without_static(self, part: ClusterSpheres) -> ClusterSpheres:
         """A cluster's spheres without those that were there from the start and are none in most
         frames."""
-        balls = [sphere for sphere in part.spheres if self._may_be_ball(sphere)]
+        balls = [
+            sphere
+            for sphere in part.spheres
+            if sphere.outline is None
+            or not was_there(sphere.outline)
+            or self._static.is_trusted(sphere)
+        ]
         return replace(part, spheres=balls, rest=part.rest if balls else 1.0)
-
-    def _may_be_ball(self, sphere: DetectedSphere) -> bool:
-        """Whether a sphere has come, or was one in enough frames since it was first found."""
-        is_static = sphere.outline is not None and was_there(sphere.outline)
-        return not is_static or self._static.is_trusted(sphere)
 
     def _is_trusted(self, memory: RememberedCluster[None]) -> bool:
         """Whether what was there when the environment was modelled has been a sphere in enough

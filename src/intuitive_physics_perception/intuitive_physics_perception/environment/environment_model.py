@@ -83,24 +83,16 @@ class EnvironmentModel:
         """Return points (..., 3) of the environment's frame in the sensor's frame, m."""
         return (np.asarray(points, dtype=np.float64) - self.translation) @ self.rotation
 
-    def sensor_orientation(self) -> NDArray[np.float64]:
-        """Return the quaternion (x, y, z, w), (4,), sensor to environment."""
-        from scipy.spatial.transform import Rotation
-
-        return Rotation.from_matrix(self.rotation).as_quat()
-
     @cached_property
     def sensor_pose(self) -> RigidTransform:
         """Pose of the sensor in the environment's frame."""
-        return RigidTransform(self.translation, self.sensor_orientation())
+        from scipy.spatial.transform import Rotation
+
+        return RigidTransform(self.translation, Rotation.from_matrix(self.rotation).as_quat())
 
     def seen_from(self, way: RigidTransform) -> EnvironmentModel:
-        """Return the same environment as a sensor sees it that has moved.
-
-        Parameters
-        ----------
-        way : from the sensor's frame now to that of this model
-        """
+        """Return the same environment as a sensor sees it that has moved; `way` leads from its
+        frame now to that of this model."""
         turn, shift = way.matrix, way.translation
         detected = tuple(
             replace(
@@ -403,8 +395,13 @@ def _scan_noise(
         return measured
     points, errors = _errors_on_planes(readings, planes, measured, settings)
     errors = errors / measured.deviation(np.linalg.norm(points, axis=1))
-    measured = replace(measured, between_lines=angle_between_lines(readings))
-    return measured.with_spacing(spacing).with_correlation_on_surfaces(points, errors, spacing)
+    measured = replace(
+        measured,
+        # A beam is about as wide as readings are apart, and its reading comes from anywhere in it.
+        lateral=max(measured.lateral, 0.5 * spacing),
+        between_lines=angle_between_lines(readings),
+    )
+    return measured.with_correlation_on_surfaces(points, errors, spacing)
 
 
 def _errors_on_planes(

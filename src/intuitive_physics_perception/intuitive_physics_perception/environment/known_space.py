@@ -100,34 +100,18 @@ class KnownSpace:
         if len(self._views) > MOST_VIEWS:
             del self._views[1]
 
-    def filled(self, clouds: Sequence[NDArray[np.float32]], pose: RigidTransform) -> View:
-        """Return the view from a place with what frames show that it did not, if there is one: a
-        scanner whose pattern does not repeat fills it frame after frame.
-
-        `clouds` (height, width, 3) m each, and `pose` of the sensor, as in `view`.
-        """
-        view = self.view(clouds, pose)
-        k = self._from_place(view)
-        if k is None:
-            return view
+    def fill(self, view: View) -> None:
+        """Take what a view shows that the one from the same place did not, if there is one: a
+        scanner whose pattern does not repeat fills it frame after frame."""
+        near = [max(old.way.difference(view.way)) < SAME_PLACE for old in self._views]
+        if not any(near):
+            self.take(view)
+            return
+        k = near.index(True)
         old = self._views[k]
         empty = np.isinf(old.nearest)
         nearest = np.where(empty, view.nearest, old.nearest)
-        return View(old.way, nearest, np.where(empty, view.farthest, old.farthest))
-
-    def fill(self, view: View) -> None:
-        """Take a view as `filled` returned it, in the place of the one that it fills."""
-        same = (k for k, old in enumerate(self._views) if old.way is view.way)
-        k = next(same, None)
-        if k is None:
-            self.take(view)
-        else:
-            self._views[k] = view
-
-    def _from_place(self, view: View) -> int | None:
-        """Number of the oldest view from the same place; None where there is none."""
-        near = (max(old.way.difference(view.way)) < SAME_PLACE for old in self._views)
-        return next((k for k, is_near in enumerate(near) if is_near), None)
+        self._views[k] = View(old.way, nearest, np.where(empty, view.farthest, old.farthest))
 
     def marks(self, readings: NDArray[np.float32], pose: RigidTransform) -> NDArray[np.uint8]:
         """Return what is known of where readings lie: KNOWN, NEW or UNKNOWN, (n,).

@@ -123,16 +123,6 @@ class RangeNoise:
             quadratic=_within(b, self.quadratic),
         )
 
-    def with_spacing(self, spacing: float) -> RangeNoise:
-        """Return the noise with directions as unsure as those of a scanner's readings are.
-
-        A beam is about as wide as readings are apart, and its reading comes from anywhere in it: as
-        a standard deviation half the angle between neighbours.
-
-        `spacing` in rad, angle between neighbouring readings.
-        """
-        return replace(self, lateral=max(self.lateral, 0.5 * spacing))
-
     def with_correlation_on_surfaces(
         self, points: NDArray[np.float64], errors: NDArray[np.float64], spacing: float
     ) -> RangeNoise:

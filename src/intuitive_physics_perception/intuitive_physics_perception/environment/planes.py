@@ -374,11 +374,11 @@ def _detected(
     hull = _hull_on_plane(cloud.points[surface], normal, offset)
     if hull is None:
         return None
-    width = np.linalg.norm(hull[:, None] - hull, axis=2).max()
-    is_small = surface.size < SMALL_PART * len(cloud.points) and width < SMALL_WIDTH * max_radius
-    if is_small or _bulges(cloud.points[surface], plane, max_radius):
-        return None
-    return DetectedPlane(normal, offset, hull, int(surface.size))
+    detected = DetectedPlane(normal, offset, hull, int(surface.size))
+    is_small = surface.size < SMALL_PART * len(cloud.points)
+    is_narrow = detected.width < SMALL_WIDTH * max_radius
+    bulges = _bulges(cloud.points[surface], plane, max_radius)
+    return None if (is_small and is_narrow) or bulges else detected
 
 
 def _with_relief(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError
-from intuitive_physics.validation import finite_array, positive_float
+from intuitive_physics.validation import finite_array, positive_float, set_fields
 from intuitive_physics_perception.input.raw_data import MAX_PIXELS
 
 DISTORTION_TERMS = {"plumb_bob": (4, 5), "rational_polynomial": (8,)}
@@ -79,11 +79,14 @@ class Intrinsics:
                 f"distortion is {distortion_model!r} with {d.size} terms; expected plumb_bob with "
                 "4 or 5, rational_polynomial with 8, or an image without distortion"
             )
-        object.__setattr__(self, "width", int(width))
-        object.__setattr__(self, "height", int(height))
-        object.__setattr__(self, "matrix", k)
-        object.__setattr__(self, "distortion", d if d.any() else np.zeros(0))
-        object.__setattr__(self, "distortion_model", distortion_model)
+        set_fields(
+            self,
+            width=int(width),
+            height=int(height),
+            matrix=k,
+            distortion=d if d.any() else np.zeros(0),
+            distortion_model=distortion_model,
+        )
         if self.distortion.size:
             u, v = np.meshgrid(
                 np.linspace(0, width - 1, CHECKED), np.linspace(0, height - 1, CHECKED)

@@ -144,14 +144,7 @@ class FixedFrame:
 
 @dataclass(frozen=True)
 class _Placement:
-    """Place of a model's environment in the frame.
-
-    Parameters
-    ----------
-    model : whose environment it is
-    camera_pose : of the camera in the frame
-    from_environment : from the environment's own frame into this one
-    """
+    """Place of a model's environment, and of the camera, in the frame that is published in."""
 
     model: EnvironmentModel
     camera_pose: RigidTransform

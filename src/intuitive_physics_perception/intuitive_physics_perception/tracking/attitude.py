@@ -20,7 +20,7 @@ from intuitive_physics.state import (
     ObjectState,
 )
 from intuitive_physics_perception.detection.detections import DetectedSolid
-from intuitive_physics_perception.tracking.motion import GATE, white_acceleration
+from intuitive_physics_perception.tracking.motion import GATE, corrected, white_acceleration
 from intuitive_physics_perception.tracking.motion_fits import fitted_acceleration
 
 ANGULAR_ACCELERATION_NOISE = 20.0
@@ -82,10 +82,8 @@ class Attitude:
     def of(solid: DetectedSolid, velocity_deviation: float) -> Attitude:
         """Return the attitude that one frame shows, the angular velocity unknown.
 
-        Parameters
-        ----------
-        solid : in the environment's frame
-        velocity_deviation : rad/s, standard deviation of an unknown angular velocity
+        `solid`: in the environment's frame; `velocity_deviation`: standard deviation of an unknown
+        angular velocity, rad/s.
         """
         covariance = np.zeros((6, 6))
         covariance[ROTATION_PART, ROTATION_PART] = solid.rotation_covariance
@@ -93,12 +91,7 @@ class Attitude:
         return Attitude(solid.rotation, np.zeros(3), covariance, solid.shape)
 
     def after(self, duration: float) -> Attitude:
-        """Return it some time later, or earlier if that is negative.
-
-        Parameters
-        ----------
-        duration : s
-        """
+        """Return it `duration` s later, or earlier if that is negative."""
         transition = np.eye(6)
         transition[ROTATION_PART, VELOCITY_PART] = duration * np.eye(3)
         added = np.kron(white_acceleration(duration, ANGULAR_ACCELERATION_NOISE), np.eye(3))
@@ -131,15 +124,13 @@ class Attitude:
             covariance = covariance.copy()
             covariance[ROTATION_PART, ROTATION_PART] += np.outer(innovation, innovation)
             covariance[VELOCITY_PART, VELOCITY_PART] += velocity_deviation**2 * np.eye(3)
-            spread = covariance[ROTATION_PART, ROTATION_PART] + solid.rotation_covariance
-        gain = np.linalg.solve(spread, covariance[ROTATION_PART]).T
-        change = gain @ innovation
-        keep = np.eye(6)
-        keep[:, ROTATION_PART] -= gain
+        change, covariance = corrected(
+            np.zeros(6), covariance, np.arange(3), innovation, solid.rotation_covariance
+        )
         return Attitude(
             Rotation.from_rotvec(change[ROTATION_PART]).as_matrix() @ self.rotation,
             self.angular_velocity + change[VELOCITY_PART],
-            keep @ covariance @ keep.T + gain @ solid.rotation_covariance @ gain.T,
+            covariance,
             self._averaged(lengths),
             self.count + 1,
         )

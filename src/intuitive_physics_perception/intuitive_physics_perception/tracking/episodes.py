@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from intuitive_physics.observation import Detections, Observation, ObservedObject
 from intuitive_physics.scene import Environment
-from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_perception.detection.detections import (
     DetectedSolid,
@@ -198,11 +197,11 @@ def _path(
 
     A ball that was hidden in mid-air is; one that bounced meanwhile is not.
     """
-    path = smooth(list(track.steps))
-    deviations = np.sqrt(np.trace(path.covariances[:, POSITION, POSITION], axis1=1, axis2=2))
-    is_known = np.isin(path.times, seen_times)
+    times, means, covariances = smooth(list(track.steps))
+    deviations = np.sqrt(np.trace(covariances[:, POSITION, POSITION], axis1=1, axis2=2))
+    is_known = np.isin(times, seen_times)
     is_known |= deviations <= PATH_WIDENING * deviations[is_known].max()
-    return path.times[is_known], path.means[is_known, POSITION]
+    return times[is_known], means[is_known, POSITION]
 
 
 def observations_of(
@@ -270,9 +269,8 @@ def _piece(
             return None
         states = [known_records[k].free.state_at(time, settings) for k in members]
         known_states = [state for state in states if state is not None]
-        if len(known_states) == len(members) and any(
-            _moves(state, settings) for state in known_states
-        ):
+        speeds = [np.linalg.norm(state.linear_velocity) for state in known_states]
+        if len(known_states) == len(members) and max(speeds) > settings.rest_speed:
             return Observation(
                 environment,
                 tuple(
@@ -289,28 +287,13 @@ def _piece(
     return None
 
 
-def _moves(state: ObjectState, settings: PerceptionSettings) -> bool:
-    return bool(np.linalg.norm(state.linear_velocity) > settings.rest_speed)
-
-
-@dataclass(frozen=True, eq=False)
-class SmoothedPath:
-    """States of an object at every frame from when it was first to when it was last seen.
-
-    Parameters
-    ----------
-    times : (n,) s
-    means : (n, 7) of position, velocity and radius
-    covariances : (n, 7, 7)
-    """
-
-    times: NDArray[np.float64]
-    means: NDArray[np.float64]
-    covariances: NDArray[np.float64]
-
-
-def smooth(steps: Sequence[FilterStep]) -> SmoothedPath:
+def smooth(
+    steps: Sequence[FilterStep],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Go back over the steps of a filter, from the last in which something was seen.
+
+    Returns times (n,) s, means (n, 7) of position, velocity and radius, and their covariances
+    (n, 7, 7) at every frame up to that.
 
     Rauch, Tung, Striebel, "Maximum likelihood estimates of linear dynamic systems" (1965).
     """
@@ -323,7 +306,7 @@ def smooth(steps: Sequence[FilterStep]) -> SmoothedPath:
         means[k] += gain @ (means[k + 1] - later.mean)
         covariances[k] += gain @ (covariances[k + 1] - later.covariance) @ gain.T
     times = np.array([step.time for step in steps[: last + 1]])
-    return SmoothedPath(times, means, 0.5 * (covariances + covariances.swapaxes(1, 2)))
+    return times, means, 0.5 * (covariances + covariances.swapaxes(1, 2))
 
 
 def _divided(left: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -134,6 +134,26 @@ def predicted(
     return replace(ball, contact=contact)
 
 
+def corrected(
+    mean: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    places: NDArray[np.intp],
+    innovation: NDArray[np.float64],
+    noise: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return an estimate (n,) and its covariance (n, n), given a measurement of some components.
+
+    `mean` (n,) and `covariance` (n, n) of before; `places` (m,) of these components; `innovation`
+    (m,), measured less estimated; `noise` (m, m), covariance of the measurement.
+    """
+    spread = covariance[np.ix_(places, places)] + noise
+    gain = np.linalg.solve(spread, covariance[places]).T
+    # Joseph's form keeps the covariance positive definite.
+    keep = np.eye(len(mean))
+    keep[:, places] -= gain
+    return mean + gain @ innovation, keep @ covariance @ keep.T + gain @ noise @ gain.T
+
+
 def carrying(
     mean: NDArray[np.float64], covariance: NDArray[np.float64], environment: Environment
 ) -> list[Plane]:

@@ -43,6 +43,7 @@ from intuitive_physics_perception.tracking.motion import (
     VELOCITY,
     Prediction,
     carrying,
+    corrected,
     downward,
     predicted,
 )
@@ -233,8 +234,10 @@ class Track:
             return unknown_angular_velocity(settings.rest_speed / float(self.mean[RADIUS]))
         normal = self._rolls_on(environment)
         if normal is None:
-            unknown = unknown_angular_velocity(settings.angular_velocity_deviation)
-            return unknown if self.seen_spin is None else combined(unknown, self.seen_spin)
+            mean, spread = unknown_angular_velocity(settings.angular_velocity_deviation)
+            if (seen := self.seen_spin) is None:
+                return mean, spread
+            return corrected(mean, spread, np.arange(3), seen.mean - mean, seen.covariance)
         return rolling_angular_velocity(
             self.mean[VELOCITY],
             self.covariance[VELOCITY, VELOCITY],
@@ -333,14 +336,11 @@ class TrackFilter:
         track.systematic = detection.systematic
         if innovation @ np.linalg.solve(spread, innovation) >= GATE:
             self._forget_velocity(track, innovation)
-            innovation, spread = innovation_of(track, detection)
-        gain = np.linalg.solve(spread, track.covariance[PLACED]).T
-        track.mean = track.mean + gain @ innovation
-        # Joseph's form keeps the covariance positive definite.
-        keep = np.eye(SIZE)
-        keep[:, PLACED] -= gain
+            innovation, _ = innovation_of(track, detection)
         noise = frame_covariance(detection)
-        track.covariance = keep @ track.covariance @ keep.T + gain @ noise @ gain.T
+        track.mean, track.covariance = corrected(
+            track.mean, track.covariance, PLACED, innovation, noise
+        )
         if isinstance(detection, DetectedSolid) and track.attitude is not None:
             track.attitude = track.attitude.corrected(
                 detection, self._settings.angular_velocity_deviation
@@ -392,21 +392,6 @@ def places_of(
         np.array([detection.center for _, detection in detections]),
         np.array([frame_covariance(detection)[:3, :3] for _, detection in detections]),
     )
-
-
-def combined(
-    unknown_spin: tuple[NDArray[np.float64], NDArray[np.float64]], spin: SeenSpin
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return mean (3,) rad/s and covariance (3, 3) of the product of two normal densities of an
-    angular velocity.
-
-    `unknown_spin` (3,) rad/s and (3, 3), mean and covariance of one of them.
-    """
-    mean, covariance = unknown_spin
-    gain = np.linalg.solve(covariance + spin.covariance, covariance).T
-    keep = np.eye(3) - gain
-    spread = keep @ covariance @ keep.T + gain @ spin.covariance @ gain.T
-    return mean + gain @ (spin.mean - mean), spread
 
 
 def innovation_of(

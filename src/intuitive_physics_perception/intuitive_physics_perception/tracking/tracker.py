@@ -282,7 +282,10 @@ class Tracker:
         self._tracks += [
             self._new_track(time, detection, camera)
             for n, detection in enumerate(detections)
-            if n not in taken and not self._is_end_of_capsule(detection)
+            if n not in taken
+            and not (
+                kind_of(detection) == "sphere" and is_in_capsule(detection.center, self.tracks)
+            )
         ]
 
     def objects_among(self, detections: Sequence[Detection]) -> list[int]:
@@ -395,9 +398,6 @@ class Tracker:
         if not track.confirmed and track.missed and unseen > TENTATIVE_TIME:
             return True
         return unseen > self._settings.coast_time
-
-    def _is_end_of_capsule(self, detection: Detection) -> bool:
-        return kind_of(detection) == "sphere" and is_in_capsule(detection.center, self.tracks)
 
     def _was_no_ball(self, track: Track) -> bool:
         """Whether it was the end of a capsule, whose side has been seen long enough to be sure:

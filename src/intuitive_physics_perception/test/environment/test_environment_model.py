@@ -69,7 +69,7 @@ def test_the_frame_stands_below_the_camera_and_looks_ahead(corner_model) -> None
     assert ahead[0] > 0.0
     points = np.random.default_rng(0).normal(size=(20, 3))
     assert model.to_sensor(model.to_environment(points)) == pytest.approx(points)
-    x, y, z, w = model.sensor_orientation()
+    x, y, z, w = model.sensor_pose.orientation
     turned = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)])
     assert turned == pytest.approx(model.rotation[:, 0])
 

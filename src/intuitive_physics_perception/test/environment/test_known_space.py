@@ -109,7 +109,7 @@ def test_frames_that_differ_fill_each_other() -> None:
     parts = np.array_split(np.random.default_rng(0).permutation(frame), 4 * MOST_VIEWS)
     space = KnownSpace(NOISE, SPACING)
     for part in parts:
-        space.fill(space.filled([part[None]], RigidTransform()))
+        space.fill(space.view([part[None]], RigidTransform()))
     before = (0.5 * frame).astype(np.float32)
     assert (space.marks(before, RigidTransform()) == NEW).all()
 
@@ -117,5 +117,5 @@ def test_frames_that_differ_fill_each_other() -> None:
 def test_what_is_known_stays_where_a_view_is_filled() -> None:
     """Something that passes later is no part of what stood there."""
     space = space_of(wall_frame())
-    space.fill(space.filled([wall_frame(post=True)], RigidTransform()))
+    space.fill(space.view([wall_frame(post=True)], RigidTransform()))
     assert mark_of(space, (0.0, 0.0, 0.5 * WALL), RigidTransform()) == NEW

@@ -49,7 +49,6 @@ from intuitive_physics_perception.environment.static_boxes import StaticBoxFilte
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import Episode, EpisodeRecorder, record_of
 from intuitive_physics_perception.tracking.motion import PLACED, POSITION, RADIUS
-from intuitive_physics_perception.tracking.motion_fits import noise_factor
 from intuitive_physics_perception.tracking.track import Track
 from intuitive_physics_perception.tracking.tracker import Tracker
 
@@ -434,9 +433,7 @@ class ModelledScene:
         if self._flights is None or not episodes or not self.is_at_home:
             return None
         for track in (track for episode in episodes for track in episode.tracks):
-            record = record_of(track, self._settings)
-            factor = noise_factor(record.times, record.positions, record.covariances)
-            self._flights.take(record.times, record.positions, factor * record.covariances)
+            self._flights.take(record_of(track, self._settings).path.with_shown_noise())
         estimate = self._flights.up()
         if estimate is None:
             return None

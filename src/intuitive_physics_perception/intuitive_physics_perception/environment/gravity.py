@@ -13,7 +13,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.scene import STANDARD_GRAVITY
 from intuitive_physics.validation import finite_array, finite_float
 from intuitive_physics_perception.environment.planes import DetectedPlane
-from intuitive_physics_perception.tracking.motion_fits import fitted_acceleration
+from intuitive_physics_perception.tracking.motion_fits import SeenPath, fitted_acceleration
 
 MAX_ROLL = 30.0
 """Turn about the optical axis between the image's upward direction and the normal of a support at
@@ -188,39 +188,26 @@ class FlightGravity:
         """Standard deviation of the direction of an acceleration with a covariance (3, 3)."""
         return float(np.degrees(_deviation(covariance) / self._strength))
 
-    def take(
-        self,
-        times: NDArray[np.float64],
-        places: NDArray[np.float64],
-        covariances: NDArray[np.float64],
-    ) -> None:
-        """Look for parts of a motion that are flights.
-
-        `times` (n,) s; `places` (n, 3) m; `covariances` (n, 3, 3) m², of the error that each place
-        has of its own.
-        """
-        first = 0
+    def take(self, path: SeenPath) -> None:
+        """Look for parts of a motion that are flights."""
+        times, first = path.times, 0
         while first < len(times):
             last = int(np.searchsorted(times, times[first] + FLIGHT_TIME))
-            part = slice(first, last + 1)
             if last >= len(times):
                 return
-            flight = self._acceleration(times[part], places[part], covariances[part])
+            flight = self._acceleration(path[first : last + 1])
             if flight is not None:
                 self._found.append(flight)
             first = last if flight is not None else first + 1
 
     def _acceleration(
-        self,
-        times: NDArray[np.float64],
-        places: NDArray[np.float64],
-        covariances: NDArray[np.float64],
+        self, path: SeenPath
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Acceleration (3,), with covariance, of a part that is a flight; else None."""
-        n = len(times)
+        n = len(path.times)
         if n < 5:
             return None
-        mean, spread, chi2 = fitted_acceleration(times, places, covariances)
+        mean, spread, chi2 = fitted_acceleration(path)
         misfit = chi2 / (3 * n - 9)
         covariance = spread * max(misfit, 1.0)
         error = GRAVITY_ERROR * self._strength + 3.0 * _deviation(covariance)

@@ -21,7 +21,7 @@ from intuitive_physics.state import (
 )
 from intuitive_physics_perception.detection.detections import DetectedSolid
 from intuitive_physics_perception.tracking.motion import GATE, corrected, white_acceleration
-from intuitive_physics_perception.tracking.motion_fits import fitted_acceleration
+from intuitive_physics_perception.tracking.motion_fits import SeenPath, fitted_acceleration
 
 ANGULAR_ACCELERATION_NOISE = 20.0
 """Standard deviation of what changes an angular velocity, over 1/30 s, rad/s²: torques of contacts,
@@ -242,26 +242,21 @@ def rolling_angular_velocity(
     return turn @ velocity, spread
 
 
-def rolls(
-    times: NDArray[np.float64],
-    places: NDArray[np.float64],
-    noise: NDArray[np.float64],
-    expected: NDArray[np.float64],
-) -> bool:
+def rolls(path: SeenPath, expected: NDArray[np.float64]) -> bool:
     """Return whether an object on a surface rolls and does not slide.
 
     The shortest time up to the last point is taken in which friction would be visible.
 
-    `times` (n,) s, on the surface; `places` (n, 3) m; `noise` (n, 3, 3) m², covariances of the
-    points; `expected` (3,) m/s² of rolling there.
+    `path`: on the surface; `expected` (3,) m/s² of rolling there.
     """
+    times = path.times
     limit, duration = ROLLING_DECELERATION, ENOUGH * ROLLING_TIME
     if len(times) < 3 or times[-1] - times[0] < duration:
         return False
     while True:
         before = int(np.searchsorted(times, times[-1] - duration, side="right")) - 1
         first = max(0, min(before, len(times) - 3))
-        fitted, spread, _ = fitted_acceleration(times[first:], places[first:], noise[first:])
+        fitted, spread, _ = fitted_acceleration(path[first:])
         deviation = float(np.sqrt(np.linalg.eigvalsh(spread)[-1]))
         if deviation < 0.5 * limit or first == 0:
             off = float(np.linalg.norm(fitted - expected))

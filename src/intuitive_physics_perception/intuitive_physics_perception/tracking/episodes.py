@@ -29,7 +29,7 @@ from intuitive_physics_perception.tracking.track import (
     FilterStep,
     Track,
     detections_of,
-    places_of,
+    path_of,
 )
 
 PATH_WIDENING = 1.5
@@ -136,7 +136,8 @@ def record_of(track: Track, settings: PerceptionSettings) -> Record:
     """
     kind = DetectedSphere if track.attitude is None else DetectedSolid
     steps = [step for step in track.steps if isinstance(step.detection, kind)]
-    times, positions, frame_covariances = places_of(detections_of(steps))
+    path = path_of(detections_of(steps))
+    times, positions, frame_covariances = path.times, path.places, path.noise
     detections = [detection for _, detection in detections_of(steps)]
     attitudes = tuple(step.attitude for step in steps if step.attitude is not None)
     covariances = np.stack([frame_covariance(detection) for detection in detections])

@@ -27,10 +27,10 @@ from intuitive_physics_perception.tracking.attitude import (
 from intuitive_physics_perception.tracking.motion import ROLLING_INERTIA, downward
 from intuitive_physics_perception.tracking.motion_fits import (
     MIN_POINTS,
+    SeenPath,
     fitted_motion,
     free_evidence,
     grown_count,
-    noise_factor,
     release_point,
 )
 from intuitive_physics_perception.tracking.supports import supported_acceleration, surfaces_of
@@ -103,6 +103,11 @@ class Record:
             path_times=self.path_times[on_path],
             path_positions=self.path_positions[on_path],
         )
+
+    @property
+    def path(self) -> SeenPath:
+        """Times, positions and covariances, to be fitted."""
+        return SeenPath(self.times, self.positions, self.covariances)
 
     @property
     def detections(self) -> Detections:
@@ -184,9 +189,7 @@ class FreeMotion:
     def __init__(self, record: Record, environment: Environment) -> None:
         self._record = record
         self._environment = environment
-        self._noise = record.covariances * noise_factor(
-            record.times, record.positions, record.covariances
-        )
+        self._path = record.path.with_shown_noise()
         self._stretches: list[Stretch] = []
         self._searched = 0
 
@@ -276,16 +279,12 @@ class FreeMotion:
 
         The end may move with the beginning, so both are improved in turn until they stay.
         """
-        record = self._record
-        earliest = int(np.searchsorted(record.times, record.times[start] - HAND_MEMORY))
+        times = self._path.times
+        earliest = int(np.searchsorted(times, times[start] - HAND_MEMORY))
         for _ in range(RELEASE_ITERATIONS):
             part = slice(max(first, earliest), grown.end)
             start = part.start + release_point(
-                record.times[part],
-                record.positions[part],
-                self._noise[part],
-                acceleration,
-                part.start == 0,
+                self._path[part], acceleration, comes_into_view=part.start == 0
             )
             further = self._grown(start, acceleration)
             if further.end <= grown.end:
@@ -296,18 +295,12 @@ class FreeMotion:
     def _stretch(
         self, start: int, grown: _Growth, plane: Plane | None, acceleration: NDArray[np.float64]
     ) -> Stretch:
-        record, points = self._record, slice(start, grown.end)
-        mean, covariance = fitted_motion(
-            record.times[points] - record.times[start],
-            record.positions[points],
-            self._noise[points],
-            acceleration,
-        )
-        covariance[:3, :3] += record.bias
+        mean, covariance = fitted_motion(self._path[start : grown.end], acceleration)
+        covariance[:3, :3] += self._record.bias
         return Stretch(
             start=start,
             end=grown.end,
-            time=float(record.times[start]),
+            time=float(self._path.times[start]),
             mean=mean,
             covariance=covariance,
             acceleration=acceleration,
@@ -316,13 +309,7 @@ class FreeMotion:
         )
 
     def _evidence(self, stretch: Stretch) -> float:
-        points = slice(stretch.start, stretch.end)
-        return free_evidence(
-            self._record.times[points],
-            self._record.positions[points],
-            self._noise[points],
-            stretch.acceleration,
-        )
+        return free_evidence(self._path[stretch.start : stretch.end], stretch.acceleration)
 
     def _accelerations(self, start: int) -> list[tuple[Plane | None, NDArray[np.float64]]]:
         """Flight; and rolling, of a solid sliding, where it touches surfaces, with the first that
@@ -346,20 +333,14 @@ class FreeMotion:
         """Grow a stretch from `start` until a point shows a contact or it is long enough."""
         times = self._record.times
         stop = int(np.searchsorted(times, times[start] + MAX_DURATION, side="right"))
-        points = slice(start, stop)
         if stop - start < MIN_POINTS:
             return _Growth(start, None)
-        count, expected = grown_count(
-            times[points] - times[start],
-            self._record.positions[points] - self._record.positions[start],
-            self._noise[points],
-            acceleration,
-        )
+        count, expected = grown_count(self._path[start:stop], acceleration)
         if expected is None:
             return _Growth(start + count, None)
         # The bounce may have begun before the point that shows it.
         kept = count - 1 if count > MIN_POINTS + 1 else count
-        return _Growth(start + kept, self._record.positions[start] + expected, start + count)
+        return _Growth(start + kept, expected, start + count)
 
     def _sure_growth(
         self, start: int, plane: Plane | None, acceleration: NDArray[np.float64]

@@ -3,6 +3,8 @@ hand to free motion."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,40 +43,61 @@ MEDIAN_OF_CHI2_3 = 2.366
 """Median of χ² with three degrees of freedom."""
 
 
-def noise_factor(
-    times: NDArray[np.float64], places: NDArray[np.float64], noise: NDArray[np.float64]
-) -> float:
+@dataclass(frozen=True, eq=False)
+class SeenPath:
+    """Points of a path as they were seen.
+
+    Parameters
+    ----------
+    times : (n,) s
+    places : (n, 3) m
+    noise : (n, 3, 3) m², covariances of the points
+    """
+
+    times: NDArray[np.float64]
+    places: NDArray[np.float64]
+    noise: NDArray[np.float64]
+
+    def __getitem__(self, part: slice) -> SeenPath:
+        return SeenPath(self.times[part], self.places[part], self.noise[part])
+
+    @property
+    def since(self) -> NDArray[np.float64]:
+        """Times (n,) s after the first point."""
+        return self.times - self.times[0]
+
+    def with_shown_noise(self) -> SeenPath:
+        """Return the path with covariances as large as its errors show that they are."""
+        return replace(self, noise=noise_factor(self) * self.noise)
+
+
+def noise_factor(path: SeenPath) -> float:
     """Return the factor, at least 1, by which errors have larger variances than their covariances.
 
     Five points in a row differ from a cubic in time by their errors alone, unless there is a bounce
     among them, hence the median over all.
-
-    `times` (n,) s; `places` (n, 3) m; `noise` (n, 3, 3) m², covariances of the points.
     """
-    weights = difference_weights(times, 4)
-    differences = path_differences(places, weights)
+    weights = difference_weights(path.times, 4)
+    differences = path_differences(path.places, weights)
     misfits = []
-    for k in np.flatnonzero(times[4:] - times[:-4] <= NOISE_WINDOW).tolist():
-        spread = np.einsum("n,nij->ij", weights[k] ** 2, noise[k : k + 5])
+    for k in np.flatnonzero(path.times[4:] - path.times[:-4] <= NOISE_WINDOW).tolist():
+        spread = np.einsum("n,nij->ij", weights[k] ** 2, path.noise[k : k + 5])
         misfits.append(float(differences[k] @ np.linalg.solve(spread, differences[k])))
     return max(1.0, float(np.median(misfits)) / MEDIAN_OF_CHI2_3) if misfits else 1.0
 
 
 def grown_count(
-    since: NDArray[np.float64],
-    places: NDArray[np.float64],
-    noise: NDArray[np.float64],
-    acceleration: NDArray[np.float64],
+    path: SeenPath, acceleration: NDArray[np.float64]
 ) -> tuple[int, NDArray[np.float64] | None]:
     """Fit position and velocity, with the acceleration known, to ever more points; return how many
     agree.
 
-    `since` (n,) s after the first point; `places` (n, 3) m; `noise` (n, 3, 3) m², covariances of
-    the points; `acceleration` (3,) m/s². Returns points up to the first that contradicts those
-    before, and where that was expected (3,) m; None without one.
+    `acceleration` (3,) m/s². Returns points up to the first that contradicts those before, and
+    where that was expected (3,) m; None without one.
     """
+    since, noise = path.since, path.noise
     # x(t) = x₀ + v₀ t + a t² / 2, linear in x₀ and v₀ once the last term is taken off.
-    reduced = places - 0.5 * since[:, None] ** 2 * acceleration
+    reduced = path.places - path.places[0] - 0.5 * since[:, None] ** 2 * acceleration
     information, right = _sums(np.column_stack([np.ones_like(since), since]), reduced, noise)
     squares = np.cumsum(np.einsum("ni,nij,nj->n", reduced, np.linalg.inv(noise), reduced))
     fewest = MIN_POINTS
@@ -101,28 +124,36 @@ def grown_count(
     if first == 0:
         return 0, None
     count = int(counts[first - 1])
-    return count, rows[first - 1] @ means[first - 1] + 0.5 * since[count] ** 2 * acceleration
+    expected = rows[first - 1] @ means[first - 1] + 0.5 * since[count] ** 2 * acceleration
+    return count, path.places[0] + expected
 
 
 def fitted_motion(
-    since: NDArray[np.float64],
-    places: NDArray[np.float64],
-    noise: NDArray[np.float64],
-    acceleration: NDArray[np.float64],
+    path: SeenPath, acceleration: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return position and velocity (6,) at the first of some points, and their covariance, which
-    grows with the misfit.
+    """Return position and velocity (6,) at the first of some points, three at least, and their
+    covariance, which grows with the misfit.
 
-    `since` (n,) s after the first point, n at least 3; `places` (n, 3) m; `noise` (n, 3, 3) m²,
-    covariances of the points; `acceleration` (3,) m/s², known.
+    `acceleration` (3,) m/s², known.
     """
-    reduced = places - places[0] - 0.5 * since[:, None] ** 2 * acceleration
-    information, right = _sums(np.column_stack([np.ones_like(since), since]), reduced, noise)
+    since = path.since
+    reduced = path.places - path.places[0] - 0.5 * since[:, None] ** 2 * acceleration
+    straight = np.column_stack([np.ones_like(since), since])
+    mean, covariance, chi2 = _fitted(straight, reduced, path.noise)
+    mean[:3] += path.places[0]
+    return mean, covariance * max(1.0, chi2 / (3 * len(since) - 6))
+
+
+def _fitted(
+    basis: NDArray[np.float64], places: NDArray[np.float64], noise: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Factors (3 b,) of basis functions by least squares, their covariance, and χ² of what they
+    leave; arguments as of `_sums`."""
+    information, right = _sums(basis, places, noise)
     covariance = np.linalg.inv(information[-1])
     mean = covariance @ right[-1]
-    chi2 = np.einsum("ni,nij,nj->", reduced, np.linalg.inv(noise), reduced) - right[-1] @ mean
-    mean[:3] += places[0]
-    return mean, covariance * max(1.0, float(chi2) / (3 * len(since) - 6))
+    chi2 = np.einsum("ni,nij,nj->", places, np.linalg.inv(noise), places) - right[-1] @ mean
+    return mean, covariance, float(chi2)
 
 
 def _sums(
@@ -140,39 +171,29 @@ def _sums(
 
 
 def fitted_acceleration(
-    times: NDArray[np.float64], places: NDArray[np.float64], noise: NDArray[np.float64]
+    path: SeenPath,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Fit a constant acceleration to points.
+    """Fit a constant acceleration to points, three at least.
 
-    `times` (n,) s, n at least 3; `places` (n, 3) m; `noise` (n, 3, 3) m², covariances of the
-    points. Returns the acceleration (3,) m/s², its covariance (3, 3) and χ² of what it leaves.
+    Returns the acceleration (3,) m/s², its covariance (3, 3) and χ² of what it leaves.
     """
-    since = times - times.mean()
+    since = path.times - path.times.mean()
     basis = np.column_stack([np.ones_like(since), since, 0.5 * since**2])
-    centred = places - places.mean(axis=0)
-    information, right = _sums(basis, centred, noise)
-    covariance = np.linalg.inv(information[-1])
-    motion = covariance @ right[-1]
-    chi2 = np.einsum("ni,nij,nj->", centred, np.linalg.inv(noise), centred) - right[-1] @ motion
-    return motion[6:], covariance[6:, 6:], float(chi2)
+    centred = path.places - path.places.mean(axis=0)
+    motion, covariance, chi2 = _fitted(basis, centred, path.noise)
+    return motion[6:], covariance[6:, 6:], chi2
 
 
-def free_evidence(
-    times: NDArray[np.float64],
-    places: NDArray[np.float64],
-    noise: NDArray[np.float64],
-    acceleration: NDArray[np.float64],
-) -> float:
+def free_evidence(path: SeenPath, acceleration: NDArray[np.float64]) -> float:
     """Return the logarithm of how much likelier some points are in free motion than in a hand.
 
     A constant acceleration is fitted freely. In free motion it has a known mean and the covariance
     of the fit alone; a hand may give any, independent in each component. So points that cannot
     distinguish one acceleration from another are no evidence, whatever they fit.
 
-    `times` (n,) s; `places` (n, 3) m; `noise` (n, 3, 3) m², covariances of the points;
     `acceleration` (3,) m/s² of free motion.
     """
-    fitted, spread, _ = fitted_acceleration(times, places, noise)
+    fitted, spread, _ = fitted_acceleration(path)
     off, wide = fitted - acceleration, spread + HAND_ACCELERATION**2 * np.eye(3)
     free = off @ np.linalg.solve(spread, off) + np.linalg.slogdet(spread)[1]
     held = fitted @ np.linalg.solve(wide, fitted) + np.linalg.slogdet(wide)[1]
@@ -180,13 +201,9 @@ def free_evidence(
 
 
 def release_point(
-    times: NDArray[np.float64],
-    places: NDArray[np.float64],
-    noise: NDArray[np.float64],
-    acceleration: NDArray[np.float64],
-    comes_into_view: bool,
+    path: SeenPath, acceleration: NDArray[np.float64], *, comes_into_view: bool
 ) -> int:
-    """Return from which point on an object has most likely moved freely.
+    """Return from which point on an object has most likely moved freely, as it does at the last.
 
     For each point k the likelihood of all points is computed where a hand moves the object before k
     and the acceleration is the known one from k on. Returned is the k before which the object has
@@ -196,9 +213,9 @@ def release_point(
     targets", 1970). A hand may let go at any time within `HOLDING_TIME`; but every second object
     that comes into view is free by then.
 
-    `times` (n,) s, of which the last have free motion; `places` (n, 3) m; `noise` (n, 3, 3) m²,
-    covariances of the points; `acceleration` (3,) m/s² of free motion.
+    `acceleration` (3,) m/s² of free motion.
     """
+    times, places, noise = path.times, path.places, path.noise
     last = len(times) - MIN_POINTS
     if last <= 0:
         return 0
@@ -209,18 +226,7 @@ def release_point(
     for k in range(last + 1):
         if k:
             mean, covariance = _swung(mean, covariance, times[k] - times[k - 1])
-        free = slice(k, None)
-        logs.append(
-            log_before
-            + _log_free(
-                mean[:6],
-                covariance[:6, :6],
-                times[free] - times[k],
-                places[free],
-                noise[free],
-                acceleration,
-            )
-        )
+        logs.append(log_before + _log_free(mean[:6], covariance[:6, :6], path[k:], acceleration))
         spread = covariance[:3, :3] + noise[k]
         off = places[k] - mean[:3]
         gain = np.linalg.solve(spread, covariance[:3]).T
@@ -255,23 +261,18 @@ def _swung(
 def _log_free(
     mean: NDArray[np.float64],
     covariance: NDArray[np.float64],
-    since: NDArray[np.float64],
-    places: NDArray[np.float64],
-    noise: NDArray[np.float64],
+    path: SeenPath,
     acceleration: NDArray[np.float64],
 ) -> float:
     """Logarithm of the likelihood of points in free motion, but for terms that all hands share.
 
     Position and velocity (6,) at the first point have a mean and covariance from the hand before.
     """
-    reduced = (
-        places - 0.5 * since[:, None] ** 2 * acceleration - mean[:3] - since[:, None] * mean[3:]
-    )
-    information, right = _sums(np.column_stack([np.ones_like(since), since]), reduced, noise)
-    fitted = np.linalg.inv(information[-1])
-    off = fitted @ right[-1]
-    weights = np.linalg.inv(noise)
-    chi2 = float(np.einsum("ni,nij,nj->", reduced, weights, reduced) - off @ right[-1])
+    since, noise = path.since, path.noise
+    falls = 0.5 * since[:, None] ** 2 * acceleration
+    reduced = path.places - falls - mean[:3] - since[:, None] * mean[3:]
+    straight = np.column_stack([np.ones_like(since), since])
+    off, fitted, chi2 = _fitted(straight, reduced, noise)
     chi2 += float(off @ np.linalg.solve(covariance + fitted, off))
     logs = np.linalg.slogdet(covariance + fitted)[1] - np.linalg.slogdet(fitted)[1]
     return -0.5 * float(chi2 + logs + np.linalg.slogdet(noise)[1].sum())

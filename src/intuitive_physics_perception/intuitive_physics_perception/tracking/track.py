@@ -47,6 +47,7 @@ from intuitive_physics_perception.tracking.motion import (
     downward,
     predicted,
 )
+from intuitive_physics_perception.tracking.motion_fits import SeenPath
 from intuitive_physics_perception.tracking.size_classes import SizeClass
 from intuitive_physics_perception.tracking.supports import supported_acceleration
 
@@ -252,7 +253,7 @@ class Track:
             newest_first = reversed(self.recent(ROLLING_MEMORY))
             steps = list(takewhile(partial(self._is_on, plane), newest_first))[::-1]
             expected = supported_acceleration(environment.gravity, [plane], ROLLING_INERTIA)
-            if rolls(*places_of(detections_of(steps)), expected):
+            if rolls(path_of(detections_of(steps)), expected):
                 return plane.normal
         return None
 
@@ -383,11 +384,9 @@ def detections_of(steps: Iterable[FilterStep]) -> list[tuple[float, Detection]]:
     return [(step.time, step.detection) for step in steps if step.detection is not None]
 
 
-def places_of(
-    detections: Sequence[tuple[float, Detection]],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return times (n,) s, centres (n, 3) m and their covariances (n, 3, 3) m² in each frame."""
-    return (
+def path_of(detections: Sequence[tuple[float, Detection]]) -> SeenPath:
+    """Return the path of the centres, with the covariances of each frame."""
+    return SeenPath(
         np.array([time for time, _ in detections]),
         np.array([detection.center for _, detection in detections]),
         np.array([frame_covariance(detection)[:3, :3] for _, detection in detections]),

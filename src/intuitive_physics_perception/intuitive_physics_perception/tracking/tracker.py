@@ -45,7 +45,7 @@ from intuitive_physics_perception.tracking.track import (
     TrackFilter,
     detections_of,
     innovation_of,
-    places_of,
+    path_of,
 )
 
 COLOR_TIME = 0.116
@@ -370,8 +370,8 @@ class Tracker:
         detections = detections_of(track.recent(0.5 * settings.rest_time))
         if len(detections) < 3 or not (track.resting or self._has_come_to_rest(track)):
             return
-        times, places, covariances = places_of(detections)
-        motion, spread = fitted_motion(times - times[0], places, covariances, np.zeros(3))
+        path = path_of(detections)
+        motion, spread = fitted_motion(path, np.zeros(3))
         velocity, covariance = motion[3:], spread[3:, 3:]
         speed = float(np.linalg.norm(velocity))
         moves = velocity @ np.linalg.solve(covariance, velocity) > LEAVING_GATE
@@ -379,7 +379,7 @@ class Tracker:
             slow = speed < RESTING_PART * settings.rest_speed
             track.resting = bool(slow or not moves)
         elif moves and speed > settings.rest_speed:
-            track.leave_rest(float(times[0]), velocity, covariance)
+            track.leave_rest(float(path.times[0]), velocity, covariance)
 
     def _has_come_to_rest(self, track: Track) -> bool:
         """Whether it stayed, within noise and `rest_speed`, where it was for `rest_time`."""

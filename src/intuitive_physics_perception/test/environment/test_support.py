@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from intuitive_physics_perception.environment.environment_model import model_environment
 from intuitive_physics_perception.environment.gravity import FlightGravity
 from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_perception.tracking.motion_fits import SeenPath
 
 SETTINGS = PerceptionSettings(environment_frames=4)
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -115,7 +116,7 @@ def test_flights_in_any_direction_tell_it_within_their_deviation(direction, seed
         velocity = rng.normal(size=3)
         places = times[:, None] * velocity - 0.5 * 9.81 * times[:, None] ** 2 * up
         places += 0.002 * rng.normal(size=places.shape)
-        flights.take(times, places, np.tile(4e-6 * np.eye(3), (len(times), 1, 1)))
+        flights.take(SeenPath(times, places, np.tile(4e-6 * np.eye(3), (len(times), 1, 1))))
     estimate = flights.up()
     assert estimate is not None
     # Five deviations: one in a million examples is beyond.
@@ -132,7 +133,7 @@ def test_the_newest_flights_count() -> None:
             places = times[:, None] * rng.normal(size=3)
             places -= 0.5 * 9.81 * times[:, None] ** 2 * np.array(up)
             places += 0.002 * rng.normal(size=places.shape)
-            flights.take(times, places, np.tile(4e-6 * np.eye(3), (len(times), 1, 1)))
+            flights.take(SeenPath(times, places, np.tile(4e-6 * np.eye(3), (len(times), 1, 1))))
         estimate = flights.up()
         assert estimate is not None
         assert angle(estimate[0], up) < 5.0 * estimate[1] * np.sqrt(2.0)
@@ -149,5 +150,5 @@ def test_what_does_not_fall_tells_nothing(seed, acceleration) -> None:
         direction *= acceleration / np.linalg.norm(direction)
         places = times[:, None] * rng.normal(size=3) + 0.5 * times[:, None] ** 2 * direction
         places += 0.001 * rng.normal(size=places.shape)
-        flights.take(times, places, np.tile(1e-6 * np.eye(3), (len(times), 1, 1)))
+        flights.take(SeenPath(times, places, np.tile(1e-6 * np.eye(3), (len(times), 1, 1))))
     assert flights.up() is None

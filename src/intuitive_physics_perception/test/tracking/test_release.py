@@ -17,6 +17,7 @@ from intuitive_physics_perception.tracking.episodes import observations_of
 from intuitive_physics_perception.tracking.free_motion import SURE_EVIDENCE, FreeMotion, Record
 from intuitive_physics_perception.tracking.motion_fits import (
     CONTACT_GATE,
+    SeenPath,
     free_evidence,
     noise_factor,
 )
@@ -196,12 +197,12 @@ def test_points_that_cannot_tell_gravity_from_none_are_no_evidence() -> None:
         times = np.arange(count) / 90.0
         errors = errors_of_detection(count, 0.002, rng)
         ball = record(times, np.zeros((count, 3)), errors, rng)
-        evidence.append(free_evidence(times, ball.positions, errors, FLOOR.gravity))
+        evidence.append(free_evidence(SeenPath(times, ball.positions, errors), FLOOR.gravity))
     assert evidence[0] < 2.0
     assert evidence[-1] < -50.0
     assert evidence[-1] < evidence[-2] < evidence[0]
     fallen = record(times, 0.5 * np.outer(times**2, FLOOR.gravity), errors, rng)
-    assert free_evidence(times, fallen.positions, errors, FLOOR.gravity) > SURE_EVIDENCE
+    assert free_evidence(SeenPath(times, fallen.positions, errors), FLOOR.gravity) > SURE_EVIDENCE
 
 
 @pytest.mark.parametrize("rate", [30, 90])
@@ -212,5 +213,5 @@ def test_the_noise_is_measured_whatever_the_covariances_say(rate, factor) -> Non
     times = np.arange(0.0, throw.release + 0.4, 1.0 / rate)
     errors = errors_of_detection(len(times), 0.001, rng)
     ball = record(times, throw.places(times), factor * errors, rng)
-    estimate = noise_factor(times, ball.positions, errors)
+    estimate = noise_factor(SeenPath(times, ball.positions, errors))
     assert estimate == pytest.approx(factor, rel=0.6)

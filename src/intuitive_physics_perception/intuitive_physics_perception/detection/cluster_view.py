@@ -39,9 +39,14 @@ class ClusterView:
         self.points = points
         self.cluster = cluster
 
-    def part(self, cluster: NDArray[np.int64]) -> ClusterView:
-        """Return the view of a part of the cluster, (n,) indices of its points."""
-        return ClusterView(self.points, cluster, self.marks)
+    def part(self, chosen: NDArray[np.bool_]) -> ClusterView:
+        """Return the view of those of the cluster's points that are chosen, (n,)."""
+        return ClusterView(self.points, self.cluster[chosen], self.marks)
+
+    @cached_property
+    def readings(self) -> NDArray[np.float64]:
+        """The cluster's points (n, 3) m."""
+        return self.points.reshape(-1, 3)[self.cluster].astype(np.float64)
 
     @property
     def is_organised(self) -> bool:

@@ -117,7 +117,6 @@ class SphereHypotheses:
     def of_cluster(
         self,
         view: ClusterView,
-        readings: NDArray[np.float64],
         expected: Sequence[Start],
         effort: Effort,
         budget: FrameBudget,
@@ -130,9 +129,9 @@ class SphereHypotheses:
         the outline, where it is that of several objects that touch, the one that the outline
         suggests, those of known radius, and the best random ones.
 
-        `readings` (n, 3) m, its points; `may_move`: whether what moves during the exposure may be
-        new in it.
+        `may_move`: whether what moves during the exposure may be new in it.
         """
+        readings = view.readings
         for start in expected:
             yield Hypothesis(self._fitter.part_near(readings, start), start)
         if effort is Effort.EXPECTED:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import Any
@@ -185,7 +185,6 @@ class SphereFinder:
             effort = Effort.EXPECTED if budget.is_spent else self._effort(memory, may_search)
             inside = self._spheres_in(
                 ClusterView(points, cluster, clusters.marks),
-                flat[cluster].astype(np.float64),
                 followed[k],
                 effort,
                 budget,
@@ -227,14 +226,13 @@ class SphereFinder:
         `points` in m, in the sensor's frame.
         """
         for cluster, new in zip(clusters.indices, clusters.new, strict=True):
-            readings = points.reshape(-1, 3)[cluster].astype(np.float64)
-            away = np.linalg.norm(readings - start.sphere[:3], axis=1)
+            view = ClusterView(points, cluster, clusters.marks)
+            away = np.linalg.norm(view.readings - start.sphere[:3], axis=1)
             if not new or away.min() >= EXPECTED_REACH * start.sphere[3]:
                 continue
-            part = self._fitter.part_inside(readings, start)
+            part = self._fitter.part_inside(view.readings, start)
             if part.total < self._settings.min_points:
                 continue
-            view = ClusterView(points, cluster, clusters.marks)
             detected = self._fitter.fitted(view, part, replace(start, size_is_known=True))
             if detected is not None:
                 return detected
@@ -268,7 +266,6 @@ class SphereFinder:
     def _spheres_in(
         self,
         whole: ClusterView,
-        readings: NDArray[np.float64],
         expected: Sequence[Start],
         effort: Effort,
         budget: FrameBudget,
@@ -276,34 +273,25 @@ class SphereFinder:
         may_move: bool,
     ) -> ClusterSpheres:
         candidates: list[Candidate] = []
-        left, rest = whole.cluster, readings
-        while len(candidates) < SPHERES_IN_CLUSTER and len(rest) >= self._settings.min_points:
-            view = whole.part(left)
+        view, fewest = whole, self._settings.min_points
+        while len(candidates) < SPHERES_IN_CLUSTER and len(view.cluster) >= fewest:
             candidate = self._best_sphere(
-                view, rest, expected, effort, budget, may_move=may_move and not candidates
+                view, expected, effort, budget, may_move=may_move and not candidates
             )
             if candidate is None:
                 break
             # What others have left of a cluster has outlines that are none, too.
             must_end = candidate.must_end or any(earlier.must_end for earlier in candidates)
             candidates.append(replace(candidate, must_end=must_end))
-            off = self._miss(rest, candidate.sphere)
-            left, rest = left[off], rest[off]
+            view = view.part(self._off(view.readings, [candidate.sphere]))
         if len(candidates) > 1 or any(earlier.must_end for earlier in candidates):
-            candidates = self._apart(whole, readings, candidates, budget)
-        off = np.ones(len(readings), dtype=bool)
-        for earlier in candidates:
-            off &= self._miss(readings, earlier.sphere)
-        return ClusterSpheres(
-            whole.cluster, [earlier.sphere for earlier in candidates], float(off.mean())
-        )
+            candidates = self._apart(whole, candidates, budget)
+        spheres = [candidate.sphere for candidate in candidates]
+        rest = self._off(whole.readings, spheres).mean()
+        return ClusterSpheres(whole.cluster, spheres, float(rest))
 
     def _apart(
-        self,
-        whole: ClusterView,
-        readings: NDArray[np.float64],
-        candidates: list[Candidate],
-        budget: FrameBudget,
+        self, whole: ClusterView, candidates: list[Candidate], budget: FrameBudget
     ) -> list[Candidate]:
         """Fit each sphere of a cluster again without the readings of the others, which drew it
         to their side where they touch; leave out those that go on into what is no sphere, and all
@@ -312,18 +300,15 @@ class SphereFinder:
             for candidate in list(candidates):
                 if budget.is_spent:
                     return [] if any(each.must_end for each in candidates) else candidates
-                off = np.ones(len(readings), dtype=bool)
-                for other in candidates:
-                    if other is not candidate:
-                        off &= self._miss(readings, other.sphere)
-                if off.sum() < self._settings.min_points:
+                others = [other.sphere for other in candidates if other is not candidate]
+                view = whole.part(self._off(whole.readings, others))
+                if len(view.cluster) < self._settings.min_points:
                     continue
-                view = whole.part(whole.cluster[off])
                 most = TOUCHING_GOES_ON if candidate.must_end else NEW_GOES_ON
                 start = replace(
                     candidate.start, sphere=candidate.sphere.numbers, sweep=candidate.sphere.sweep
                 )
-                part = self._fitter.part_near(readings[off], start)
+                part = self._fitter.part_near(view.readings, start)
                 refitted = self._fitter.fitted(view, part, start, most)
                 k = candidates.index(candidate)
                 if refitted is not None:
@@ -332,16 +317,20 @@ class SphereFinder:
                     del candidates[k]
         return candidates
 
-    def _miss(self, points: NDArray[np.float64], sphere: DetectedSphere) -> NDArray[np.bool_]:
-        """Mark the points (n,) whose rays pass a sphere far enough not to be of it: noise must not
-        make a second sphere of the readings that stray farthest."""
-        stray = STRAY_SIGMAS * self._lateral * sphere.range
-        return passing_way(points, sphere.center, sphere.sweep) > sphere.radius + stray
+    def _off(
+        self, points: NDArray[np.float64], spheres: Iterable[DetectedSphere]
+    ) -> NDArray[np.bool_]:
+        """Mark the points (n,) whose rays pass all of some spheres far enough not to be of them:
+        noise must not make a second sphere of the readings that stray farthest."""
+        off = np.ones(len(points), dtype=bool)
+        for sphere in spheres:
+            stray = STRAY_SIGMAS * self._lateral * sphere.range
+            off &= passing_way(points, sphere.center, sphere.sweep) > sphere.radius + stray
+        return off
 
     def _best_sphere(
         self,
         view: ClusterView,
-        readings: NDArray[np.float64],
         expected: Sequence[Start],
         effort: Effort,
         budget: FrameBudget,
@@ -350,7 +339,7 @@ class SphereFinder:
     ) -> Candidate | None:
         tried = False
         for hypothesis in self._hypotheses.of_cluster(
-            view, readings, expected, effort, budget, may_move=may_move
+            view, expected, effort, budget, may_move=may_move
         ):
             if tried and budget.is_spent:
                 return None

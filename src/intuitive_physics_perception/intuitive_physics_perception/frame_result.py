@@ -43,21 +43,14 @@ class FrameDiagnostics:
     Parameters
     ----------
     problem : one sentence on why the frame could not be used, empty when it could
-    readings : points in range
-    foreground : points off all planes
-    clusters : groups of foreground points
-    waiting : of these, how many have to wait for the next frame, as the time is over
-    spheres, solids : how many were found; solids are boxes and capsules
+    waiting : clusters of points that have to wait for the next frame, as the time is over
+    spheres : how many were found
     seconds : time each stage took, by its name
     """
 
     problem: str = ""
-    readings: int = 0
-    foreground: int = 0
-    clusters: int = 0
     waiting: int = 0
     spheres: int = 0
-    solids: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
 
 

@@ -15,8 +15,8 @@ from intuitive_physics_perception.environment.environment_model import (
     is_same_view,
     model_environment,
 )
+from intuitive_physics_perception.environment.gravity import degrees_between
 from intuitive_physics_perception.environment.noise import RangeNoise
-from intuitive_physics_perception.environment.planes import DetectedPlane
 from intuitive_physics_perception.scene import ModelledScene, begun
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -41,10 +41,7 @@ class FurtherCamera:
     """
 
     def __init__(
-        self,
-        settings: PerceptionSettings,
-        rng: np.random.Generator,
-        background: Executor | None,
+        self, settings: PerceptionSettings, rng: np.random.Generator, background: Executor | None
     ) -> None:
         self._settings = settings
         self._rng = rng
@@ -128,7 +125,11 @@ def pose_doubt(own: EnvironmentModel, seen: EnvironmentModel, settings: Percepti
         # Where it is read best.
         ranges = np.linalg.norm(plane.hull, axis=1)
         place, noise = plane.hull[ranges.argmin()], own.noise.deviation(float(ranges.min()))
-        same = [other for other in seen.detected if _angle(plane, other) < SAME_PLANE]
+        same = [
+            other
+            for other in seen.detected
+            if degrees_between(plane.normal, other.normal) < SAME_PLANE
+        ]
         apart = min((abs(float(other.normal @ place) - other.offset) for other in same), default=0)
         explained = float(settings.plane_tolerance + settings.plane_sigmas * noise)
         if max(worst, explained) < apart < SAME_PLANE_DISTANCE:
@@ -138,8 +139,3 @@ def pose_doubt(own: EnvironmentModel, seen: EnvironmentModel, settings: Percepti
                 "expected the same place: calibrate where tf has the cameras"
             )
     return sentence
-
-
-def _angle(plane: DetectedPlane, other: DetectedPlane) -> float:
-    """Angle between two planes, degrees."""
-    return float(np.degrees(np.arccos(np.clip(plane.normal @ other.normal, -1.0, 1.0))))

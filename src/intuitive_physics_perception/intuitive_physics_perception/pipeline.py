@@ -14,7 +14,7 @@ from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.observation import Observation
 from intuitive_physics.validation import unit_vector
-from intuitive_physics_perception.detection.detections import DetectedSolid, DetectedSphere
+from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.solids import all_objects
 from intuitive_physics_perception.environment.environment_model import (
@@ -23,6 +23,7 @@ from intuitive_physics_perception.environment.environment_model import (
     is_same_view,
     model_environment,
 )
+from intuitive_physics_perception.environment.gravity import degrees_between
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.frame_result import (
     FrameDiagnostics,
@@ -293,16 +294,13 @@ class PerceptionPipeline:
         if not enough or time - since[0] < STANDING_TIME or self._modelling is not None:
             return
         if all(track.resting for track in scene.tracker.tracks):
-            self._modelling = ModelledElsewhere(pose, self._begin_to_model(scene))
+            # A generator of its own: the frames meanwhile draw from the other one.
+            (rng,) = self._rng.spawn(1)
+            frames = [scene.without_followed(points) for points in self._standing]
+            job = frames, self.settings, rng, scene.model, self._background
+            modelled = begun(self._background, _modelled_elsewhere, *job)
+            self._modelling = ModelledElsewhere(pose, modelled)
             self._stands_since = None
-
-    def _begin_to_model(self, scene: ModelledScene) -> Future[ModelledScene | None]:
-        """Model the environment from where the sensor stands now, in the frame of before."""
-        # A generator of its own: the frames meanwhile draw from the other one.
-        (rng,) = self._rng.spawn(1)
-        frames = [scene.without_followed(points) for points in self._standing]
-        job = frames, self.settings, rng, scene.model, self._background
-        return begun(self._background, _modelled_elsewhere, *job)
 
     def _with_new_model(
         self, scene: ModelledScene, result: FrameResult, pose: RigidTransform
@@ -390,12 +388,8 @@ class PerceptionPipeline:
             objects=objects,
             episodes=episodes,
             diagnostics=FrameDiagnostics(
-                readings=clusters.readings,
-                foreground=clusters.foreground,
-                clusters=len(clusters.indices),
                 waiting=budget.waiting,
                 spheres=sum(isinstance(detections[k], DetectedSphere) for k in shown),
-                solids=sum(isinstance(detections[k], DetectedSolid) for k in shown),
                 seconds=timer.seconds,
             ),
         )
@@ -415,7 +409,7 @@ class PerceptionPipeline:
 
         Episodes under the other gravity are dropped: they would mislead the learner.
         """
-        angle = np.degrees(np.arccos(np.clip(scene.model.rotation[2] @ up, -1.0, 1.0)))
+        angle = degrees_between(scene.model.rotation[2], up)
         self._up, self._up_seen_from = up, self._pose
         self._forget_environment()
         reason = (

@@ -181,12 +181,7 @@ class PerceptionSettings:
         False,
         "boxes and capsules that lie there from the start are objects; false: static boxes",
     )
-    min_solid_points: int = number(
-        120,
-        20,
-        1000000,
-        "points a box or capsule needs at least",
-    )
+    min_solid_points: int = number(120, 20, 1000000, "points a box or capsule needs at least")
     max_solid_size: float = number(
         0.8, 0.01, 100.0, "a box or capsule reaches no further from end to end, m"
     )

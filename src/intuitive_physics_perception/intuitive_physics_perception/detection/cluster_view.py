@@ -25,7 +25,8 @@ class ClusterView:
     """One cluster of a frame as the sensor sees it.
 
     `points` (height, width, 3) of the frame; `cluster` (n,) indices of its points; `marks`
-    (height, width) of its points, as `Clusters` has them.
+    (height, width) of its points, as `Clusters` has them; None where nothing is known of what was
+    there before.
     """
 
     def __init__(
@@ -69,11 +70,6 @@ class ClusterView:
         """
         near, each = self._near(sphere)
         return np.ascontiguousarray(self.points[near]).reshape(-1, 3), each
-
-    @property
-    def knows_before(self) -> bool:
-        """Whether it is known what was there before."""
-        return self.marks is not None
 
     def surroundings(
         self, sphere: NDArray[np.float64]

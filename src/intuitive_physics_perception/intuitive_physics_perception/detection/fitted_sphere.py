@@ -252,10 +252,7 @@ class SphereFitter:
     """
 
     def __init__(
-        self,
-        noise: RangeNoise,
-        settings: PerceptionSettings,
-        rng: np.random.Generator,
+        self, noise: RangeNoise, settings: PerceptionSettings, rng: np.random.Generator
     ) -> None:
         self._settings = settings
         self._rng = rng
@@ -300,11 +297,7 @@ class SphereFitter:
         return self._judged(begun, start, most_goes_on, touched) or sphere
 
     def _judged(
-        self,
-        begun: BegunFit,
-        start: Start,
-        most_goes_on: float,
-        touched: NDArray[np.bool_],
+        self, begun: BegunFit, start: Start, most_goes_on: float, touched: NDArray[np.bool_]
     ) -> DetectedSphere | None:
         """The sphere that fits the readings, but for those outside it in sectors in which something
         touches it; None where it is no object."""
@@ -479,8 +472,8 @@ class SphereFitter:
         bulge = bulge_of(seen.patches, spread, float(fit.sphere[3]))
         goes_on = float(np.mean(seen.going_on > 0.5))
         return Outline(
-            new=seen.new if view.knows_before else None,
-            known=seen.known if view.knows_before else None,
+            new=None if view.marks is None else seen.new,
+            known=None if view.marks is None else seen.known,
             goes_on=goes_on,
             level=seen.level,
             level_off_planes=seen.level_off_planes,

@@ -95,6 +95,24 @@ def surface_error(
     return off - r - second, spread, sqrt(variance), ahead, sqrt(sine2)
 
 
+@inlined
+def write_normal(
+    row: Any, x: float, y: float, z: float, ahead: float, sine: float, sphere: Any
+) -> None:
+    """Write the normal of a sphere where a ray meets it, and not at the reading: a weight or a
+    direction that depends on the noise would pull the sphere to the sensor's side.
+
+    `ahead` and `sine` as of `surface_error`.
+    """
+    r = sphere[3]
+    distance = sqrt(x * x + y * y + z * z)
+    meets = (distance + ahead - r * sqrt(max(1.0 - sine * sine, 0.0))) / distance
+    scale = 1.0 / (r * max(sine, 1.0))
+    row[0] = (x * meets - sphere[0]) * scale
+    row[1] = (y * meets - sphere[1]) * scale
+    row[2] = (z * meets - sphere[2]) * scale
+
+
 @allocating_entry
 def refine_sphere(
     points: Any,
@@ -184,14 +202,7 @@ def _add_surface(
         off = error * error > gate * gate * variance or ahead < -BEHIND_SIGMAS * deviation
         if off or (rim < 1.0 and sine > rim):
             continue
-        # The normal where the ray meets the sphere, and not at the reading: a weight or a
-        # direction that depends on the noise would pull the sphere to the sensor's side.
-        distance = sqrt(x * x + y * y + z * z)
-        meets = (distance + ahead - r * sqrt(max(1.0 - sine * sine, 0.0))) / distance
-        scale = 1.0 / (r * max(sine, 1.0))
-        row[0] = (x * meets - cx) * scale
-        row[1] = (y * meets - cy) * scale
-        row[2] = (z * meets - cz) * scale
+        write_normal(row, x, y, z, ahead, sine, fitted)
         along = deviation * deviation * max(1.0 - sine * sine, 0.0)
         _add_equation(normal, right, row, error, 1.0 / (variance + sharing * along))
         total += error * error / variance

@@ -123,10 +123,7 @@ class SphereFinder:
     """
 
     def __init__(
-        self,
-        model: EnvironmentModel,
-        settings: PerceptionSettings,
-        rng: np.random.Generator,
+        self, model: EnvironmentModel, settings: PerceptionSettings, rng: np.random.Generator
     ) -> None:
         noise = model.noise
         self._settings = settings

@@ -27,6 +27,7 @@ from intuitive_physics_perception.detection.sphere_fit import (
     GATES,
     INLIER_SIGMAS,
     surface_error,
+    write_normal,
 )
 
 SWEEP_STEPS = 12
@@ -259,17 +260,10 @@ def fit_sweep(
             )
             if error * error > gate * gate * variance or ahead < -BEHIND_SIGMAS * spread:
                 continue
-            # As in `sphere_fit`: the normal where the ray meets the sphere, free of the noise.
-            distance = sqrt(x * x + y * y + z * z)
-            within = sqrt(max(1.0 - sine * sine, 0.0))
-            meets = (distance + ahead - now[3] * within) / distance
-            scale = 1.0 / (now[3] * max(sine, 1.0))
-            row[0] = (x * meets - now[0]) * scale
-            row[1] = (y * meets - now[1]) * scale
-            row[2] = (z * meets - now[2]) * scale
+            write_normal(row, x, y, z, ahead, sine, now)
             for a in range(3):
                 row[4 + a] = time * row[a]
-            shared = sharing * spread * spread * within * within
+            shared = sharing * spread * spread * max(1.0 - sine * sine, 0.0)
             weight = 1.0 / (variance + shared)
             for a in range(7):
                 right[a] += weight * row[a] * error

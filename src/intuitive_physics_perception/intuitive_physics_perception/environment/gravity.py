@@ -129,7 +129,7 @@ def upright(planes: Sequence[DetectedPlane]) -> Upward:
         level = abs(plane.normal @ largest.normal) <= np.sin(np.radians(FROM_LEVEL))
         if level and _is_upright(plane) and plane.width >= MIN_WIDTH:
             return Upward(plane.normal, _with_first(planes, plane), True)
-    angle = np.degrees(np.arccos(np.clip(largest.normal @ np.array(IMAGE_UP), -1.0, 1.0)))
+    angle = degrees_between(largest.normal, np.array(IMAGE_UP))
     return Upward(
         largest.normal,
         tuple(planes),
@@ -172,7 +172,8 @@ class FlightGravity:
             agreeing = [
                 (other, other_spread)
                 for other, other_spread in self._found
-                if _angle(mean, other) < MIN_TURN + 3.0 * self._degrees(spread + other_spread)
+                if degrees_between(mean, other)
+                < MIN_TURN + 3.0 * self._degrees(spread + other_spread)
             ]
             best = max(best, agreeing, key=len)
         # Most of what seemed to fly must agree, too.
@@ -216,8 +217,8 @@ class FlightGravity:
         return (mean, covariance) if falls else None
 
 
-def _angle(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
-    """Degrees between two vectors (3,)."""
+def degrees_between(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
+    """Return the angle between two vectors, `first` (3,) and `second` (3,), degrees."""
     cosine = first @ second / (np.linalg.norm(first) * np.linalg.norm(second))
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
@@ -228,16 +229,16 @@ def _deviation(covariance: NDArray[np.float64]) -> float:
 
 
 class RestingAccelerometer:
-    """Averages accelerations while a sensor rests: it then feels only what holds it up."""
+    """Averages accelerations while a sensor rests: it then feels only what holds it up.
+
+    Attributes
+    ----------
+    up : (3,) unit vector against gravity; None until the sensor has rested, or while it moves
+    """
 
     def __init__(self) -> None:
-        self._up: NDArray[np.float64] | None = None
+        self.up: NDArray[np.float64] | None = None
         self._forget()
-
-    @property
-    def up(self) -> NDArray[np.float64] | None:
-        """Unit vector (3,) against gravity; None until the sensor has rested, or while it moves."""
-        return self._up
 
     def add(
         self, time: float, acceleration: ArrayLike, angular_velocity: ArrayLike | None = None
@@ -278,7 +279,7 @@ class RestingAccelerometer:
     def _forget(self) -> None:
         self._mean = np.zeros(3)
         self._count = 0
-        self._up = None
+        self.up = None
         self._since = self._newest = -np.inf
 
     def _take(self, time: float, felt: NDArray[np.float64]) -> None:
@@ -289,4 +290,4 @@ class RestingAccelerometer:
         # The plain mean at first, then one that forgets, so that it follows a slow drift.
         self._mean += (felt - self._mean) / min(self._count, AVERAGED_SAMPLES)
         if time - self._since >= REST_TIME and self._count >= MIN_SAMPLES:
-            self._up = self._mean / np.linalg.norm(self._mean)
+            self.up = self._mean / np.linalg.norm(self._mean)

@@ -100,10 +100,7 @@ class SeenAround:
 
 
 def with_edges(
-    planes: Sequence[DetectedPlane],
-    cloud: RangeCloud,
-    rng: np.random.Generator,
-    narrowest: float,
+    planes: Sequence[DetectedPlane], cloud: RangeCloud, rng: np.random.Generator, narrowest: float
 ) -> list[DetectedPlane]:
     """Return planes with the boundaries and openings that the cloud shows of them.
 

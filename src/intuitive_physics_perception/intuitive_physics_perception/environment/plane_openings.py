@@ -264,9 +264,7 @@ def _height(
     return float(abs(ax * by - ay * bx) / max(np.hypot(ax, ay), 1e-12))
 
 
-def _half_planes(
-    polygon: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _half_planes(polygon: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Unit vectors outward (k, 2) and bounds (k,) of a convex polygon (k, 2)."""
     along = np.roll(polygon, -1, axis=0) - polygon
     outward = np.column_stack([along[:, 1], -along[:, 0]])

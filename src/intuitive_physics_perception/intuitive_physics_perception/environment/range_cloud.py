@@ -62,13 +62,17 @@ class RangeCloud:
         not given; `heights`: of a surface over the plane (n,) m, at points (n, 3); flat if not
         given.
         """
-        along = plane[..., :3] @ self.points[which].T
-        cosine = along / self.ranges[which]
-        spread = np.square(self.sigmas * self.deviations[which] * cosine) + self.tolerance**2
-        over = along - plane[..., 3:]
+        over = plane[..., :3] @ self.points[which].T
+        # In place, as the arrays of many planes are larger than the cache.
+        spread = over / self.ranges[which]
+        spread *= self.sigmas * self.deviations[which]
+        np.square(spread, out=spread)
+        spread += self.tolerance**2
+        over -= plane[..., 3:]
         if heights is not None:
-            over = over - heights(self.points[which])
-        return over / np.sqrt(spread)
+            over -= heights(self.points[which])
+        over /= np.sqrt(spread, out=spread)
+        return np.asarray(over)
 
     def near(
         self, plane: NDArray[np.float64], which: NDArray[np.intp] | slice = slice(None)

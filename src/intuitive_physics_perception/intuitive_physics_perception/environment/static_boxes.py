@@ -184,7 +184,7 @@ def _thickened(
     c, s = np.cos(turn), np.sin(turn)
     axes = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     center, edges = center.copy(), edges.copy()
-    for axis, k in zip(axes, range(3), strict=True):
+    for k, axis in enumerate(axes):
         missing = MIN_THICKNESS - edges[k]
         if missing > 0.0:
             away = np.sign(axis @ (center - model.translation)) or 1.0

@@ -274,11 +274,7 @@ class ColorInput:
     """
 
     def __init__(
-        self,
-        node: Node,
-        diagnostics: Diagnostics,
-        camera: str,
-        kind: type[Image | CompressedImage],
+        self, node: Node, diagnostics: Diagnostics, camera: str, kind: type[Image | CompressedImage]
     ) -> None:
         topic = topic_of(camera, COLOR_TOPICS[kind])
         self._monitor = InputMonitor(node, topic, TIMEOUT)

@@ -162,13 +162,17 @@ class PublishedFrame:
     Parameters
     ----------
     target : name of the frame; empty: that of the environment model
+
+    Attributes
+    ----------
+    problem : why it is not known; empty where it is, or nothing was looked up yet
     """
 
     def __init__(self, target: str) -> None:
         self._target = target
         self._transforms: Transforms | None = None
         self._placement: _Placement | None = None
-        self._problem = ""
+        self.problem = ""
 
     def listen(self, transforms: Transforms | None) -> None:
         """Set the source of transforms, used only where a target frame is named."""
@@ -230,18 +234,13 @@ class PublishedFrame:
 
     def check(self) -> Status:
         """Say for /diagnostics whether the frame is known."""
-        if self._problem:
-            return Status(Level.WARN, f"nothing is published: {self._problem}")
+        if self.problem:
+            return Status(Level.WARN, f"nothing is published: {self.problem}")
         return Status(Level.OK, f"published in {self._target or 'the frame of the environment'}")
-
-    @property
-    def problem(self) -> str:
-        """Why it is not known; empty where it is, or nothing was looked up yet."""
-        return self._problem
 
     def _known_placement(self) -> _Placement:
         if self._placement is None:
-            raise UnknownTransformError(self._problem or "no environment is modelled yet")
+            raise UnknownTransformError(self.problem or "no environment is modelled yet")
         return self._placement
 
     def _placed(self, camera: Header, model: EnvironmentModel) -> _Placement | None:
@@ -251,9 +250,9 @@ class PublishedFrame:
         try:
             pose = self._transforms.lookup(self._target, camera.frame_id, camera.stamp)
         except UnknownTransformError as error:
-            self._problem = str(error)
+            self.problem = str(error)
             return None
-        self._problem = ""
+        self.problem = ""
         return _Placement(model, pose, pose.after(sensor.inverse))
 
 

@@ -170,9 +170,7 @@ def _sums(
     return information, np.cumsum(right.reshape(count, size), axis=0)
 
 
-def fitted_acceleration(
-    path: SeenPath,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+def fitted_acceleration(path: SeenPath) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Fit a constant acceleration to points, three at least.
 
     Returns the acceleration (3,) m/s², its covariance (3, 3) and χ² of what it leaves.

@@ -117,7 +117,8 @@ class PerceptionPipeline:
         return self._scene.model if self._scene else None
 
     def take_up(self, up: ArrayLike) -> None:
-        """Take the measured direction against gravity, (3,) in the sensor's frame, of any length.
+        """Take the measured direction against gravity, `up` (3,) in the sensor's frame, of any
+        length.
 
         With `gravity_source` "imu" the environment is modelled once it is known.
         """

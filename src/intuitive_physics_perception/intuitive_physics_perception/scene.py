@@ -433,7 +433,8 @@ class ModelledScene:
         if self._flights is None or not episodes or not self.is_at_home:
             return None
         for track in (track for episode in episodes for track in episode.tracks):
-            self._flights.take(record_of(track, self._settings).path.with_shown_noise())
+            record = record_of(track, self._settings)
+            self._flights.take(record.seen_path.with_shown_noise())
         estimate = self._flights.up()
         if estimate is None:
             return None

@@ -136,8 +136,8 @@ def record_of(track: Track, settings: PerceptionSettings) -> Record:
     """
     kind = DetectedSphere if track.attitude is None else DetectedSolid
     steps = [step for step in track.steps if isinstance(step.detection, kind)]
-    path = path_of(detections_of(steps))
-    times, positions, frame_covariances = path.times, path.places, path.noise
+    seen = path_of(detections_of(steps))
+    times, positions, frame_covariances = seen.times, seen.places, seen.noise
     detections = [detection for _, detection in detections_of(steps)]
     attitudes = tuple(step.attitude for step in steps if step.attitude is not None)
     covariances = np.stack([frame_covariance(detection) for detection in detections])

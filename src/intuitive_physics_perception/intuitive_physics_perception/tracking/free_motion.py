@@ -105,7 +105,7 @@ class Record:
         )
 
     @property
-    def path(self) -> SeenPath:
+    def seen_path(self) -> SeenPath:
         """Times, positions and covariances, to be fitted."""
         return SeenPath(self.times, self.positions, self.covariances)
 
@@ -189,7 +189,7 @@ class FreeMotion:
     def __init__(self, record: Record, environment: Environment) -> None:
         self._record = record
         self._environment = environment
-        self._path = record.path.with_shown_noise()
+        self._path = record.seen_path.with_shown_noise()
         self._stretches: list[Stretch] = []
         self._searched = 0
 

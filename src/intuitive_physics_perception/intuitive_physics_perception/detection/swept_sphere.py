@@ -263,7 +263,8 @@ def fit_sweep(
             write_normal(row, x, y, z, ahead, sine, now)
             for a in range(3):
                 row[4 + a] = time * row[a]
-            shared = sharing * spread * spread * max(1.0 - sine * sine, 0.0)
+            within = sqrt(max(1.0 - sine * sine, 0.0))
+            shared = sharing * spread * spread * within * within
             weight = 1.0 / (variance + shared)
             for a in range(7):
                 right[a] += weight * row[a] * error

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from typing import TypeAlias
 
 from intuitive_physics_perception.input.frame_order import FrameOrder
@@ -18,21 +17,15 @@ NamedFrame: TypeAlias = tuple[str, Frame]
 
 
 class CameraInputs:
-    """Subscribes to all cameras and has their frames handled in a thread of its own.
+    """Has the frames of all cameras handled in a thread of its own.
 
     Parameters
     ----------
     cameras : names, of which the first is empty
     window : s that a frame waits at most for earlier ones of other cameras
-    make_input : makes the input of a camera, from its name and what takes each of its messages
     """
 
-    def __init__(
-        self,
-        cameras: Sequence[str],
-        window: float,
-        make_input: Callable[[str, Callable[[Frame], None]], FrameInput],
-    ) -> None:
+    def __init__(self, cameras: Sequence[str], window: float) -> None:
         self._order = FrameOrder[NamedFrame](tuple(cameras), window)
         several = len(cameras) > 1
         self._worker = FrameWorker[NamedFrame](
@@ -41,9 +34,11 @@ class CameraInputs:
             idle=self._flush if several else None,
             pause=window if several else None,
         )
-        self._inputs = {
-            camera: make_input(camera, partial(self._put, camera)) for camera in cameras
-        }
+        self._inputs: dict[str, FrameInput] = {}
+
+    def add(self, camera: str, frames: FrameInput) -> None:
+        """Have the messages of a camera, which are given to `put`, handled by its input."""
+        self._inputs[camera] = frames
 
     @property
     def dropped(self) -> int:
@@ -62,7 +57,8 @@ class CameraInputs:
         """
         return self._worker.stop(patience)
 
-    def _put(self, camera: str, message: Frame) -> None:
+    def put(self, camera: str, message: Frame) -> None:
+        """Take a message of a camera and return at once."""
         self._worker.put((camera, message))
 
     def _take(self, item: NamedFrame) -> None:

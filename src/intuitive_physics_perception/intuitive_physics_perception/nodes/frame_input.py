@@ -166,11 +166,13 @@ class FrameInput:
 
     def _subscribe(self) -> None:
         self._expect()
-        for kind, topic in self._topics.items():
-            create_subscription(self._node, kind, topic, self._put, SENSOR_DATA)
+        node, camera = self._node, self._camera
+        for kind in self._monitors:
+            create_subscription(node, kind, topic_of(camera, TOPICS[kind]), self._put, SENSOR_DATA)
         if self._has_images:
-            info = self._info_topic
-            create_subscription(self._node, CameraInfo, info, self._on_camera, SENSOR_DATA)
+            create_subscription(
+                node, CameraInfo, topic_of(camera, CAMERA_INFO), self._on_camera, SENSOR_DATA
+            )
 
     def _expect(self) -> None:
         """Have it said when nothing arrives on what is subscribed to now."""
@@ -280,7 +282,9 @@ class ColorInput:
         self._monitor = InputMonitor(node, topic, TIMEOUT)
         self._newest: deque[tuple[float, NDArray[np.uint8]]] = deque(maxlen=KEPT)
         diagnostics.add(topic.removeprefix("~/"), self._monitor.check)
-        create_subscription(node, kind, topic, self._on_image, SENSOR_DATA)
+        create_subscription(
+            node, kind, topic_of(camera, COLOR_TOPICS[kind]), self._on_image, SENSOR_DATA
+        )
         self._monitor.expect(Silence(node, {topic: kind}, launch_arguments("camera", "color")))
 
     def of_frame(self, header: Header, points: NDArray[np.float32]) -> NDArray[np.uint8] | None:

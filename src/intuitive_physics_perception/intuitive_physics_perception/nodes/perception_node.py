@@ -172,19 +172,22 @@ class PerceptionNode(ManagedNode):
         self._frame.listen(self._transforms)
         if self._pipeline.settings.gravity_source == "imu":
             self._make_imu(values["imu_orientation"])
-        make_input = partial(
-            FrameInput,
-            self,
-            self.diagnostics,
-            kinds=INPUTS[values["input"]],
-            is_placed=bool(values["fixed_frame"]),
-            rectified=values["image_is_rectified"],
-            color=values["use_color"],
-            row_time=values["row_readout_time"],
-            kernels=self.kernels,
-            use=self._perceive,
-        )
-        self._input = CameraInputs(self._cameras, values["reordering_time"], make_input)
+        self._input = CameraInputs(self._cameras, values["reordering_time"])
+        for camera in self._cameras:
+            frames = FrameInput(
+                self,
+                self.diagnostics,
+                camera,
+                partial(self._input.put, camera),
+                kinds=INPUTS[values["input"]],
+                is_placed=bool(values["fixed_frame"]),
+                rectified=values["image_is_rectified"],
+                color=values["use_color"],
+                row_time=values["row_readout_time"],
+                kernels=self.kernels,
+                use=self._perceive,
+            )
+            self._input.add(camera, frames)
         self.diagnostics.add("environment", self._check_environment)
         self.diagnostics.add("pose of the sensor", self._fixed.check)
         for camera in self._cameras[1:]:

@@ -44,12 +44,8 @@ from intuitive_physics_ros.unexpected_errors import unexpected_errors
 
 PoseMessage: TypeAlias = PoseStamped | PoseWithCovarianceStamped | TransformStamped
 
-KINDS: dict[str, type[PoseMessage]] = {
-    "pose": PoseStamped,
-    "pose_with_covariance": PoseWithCovarianceStamped,
-    "transform": TransformStamped,
-}
-"""Messages by the values of the parameter `input` with which each object has a topic of its own."""
+POSE, POSE_WITH_COVARIANCE, TRANSFORM = "pose", "pose_with_covariance", "transform"
+"""Values of the parameter `input` with which each object has a topic of its own."""
 
 TF = "tf"
 """Value of `input` with which poses are those of frames on /tf."""
@@ -69,7 +65,7 @@ PARAMETERS = (
         "pose",
         "messages on ~/NAME/pose of each object; tf: no such topics, but the frames object_frames "
         "on /tf, as detectors of tags send them",
-        choices=(*KINDS, TF),
+        choices=(POSE, POSE_WITH_COVARIANCE, TRANSFORM, TF),
     ),
     Parameter("object_names", ["object"], "names of the objects, and parts of their topics"),
     Parameter(
@@ -162,7 +158,7 @@ class PoseBridgeNode(ManagedNode):
         if values["input"] == TF:
             self._hear_frames(values["object_frames"])
         else:
-            self._hear_topics(KINDS[values["input"]])
+            self._hear_topics(values["input"])
         self.create_timer(1.0 / values[MARKER_RATE.name], self._on_marker_tick)
 
     def deactivate(self) -> None:
@@ -178,13 +174,19 @@ class PoseBridgeNode(ManagedNode):
         self._environment.destroy()
         del self._tracker
 
-    def _hear_topics(self, kind: type[PoseMessage]) -> None:
-        for name in self._names:
-            topic = f"~/{name}/pose"
-            rule = f"-r '{topic}:=/TOPIC'"
-            remedy = f"choose the topic by a rule, {rule}, and its type by the parameter input"
-            self._monitors[name].expect(Silence(self, {topic: kind}, remedy))
-            create_subscription(self, kind, topic, self._taking(name), SENSOR_DATA)
+    def _hear_topics(self, wanted: str) -> None:
+        for name_of_kind, kind in (
+            (POSE, PoseStamped),
+            (POSE_WITH_COVARIANCE, PoseWithCovarianceStamped),
+            (TRANSFORM, TransformStamped),
+        ):
+            if name_of_kind != wanted:
+                continue
+            for name in self._names:
+                rule = f"-r '~/{name}/pose:=/TOPIC'"
+                remedy = f"choose the topic by a rule, {rule}, and its type by the parameter input"
+                self._monitors[name].expect(Silence(self, {f"~/{name}/pose": kind}, remedy))
+                create_subscription(self, kind, f"~/{name}/pose", self._taking(name), SENSOR_DATA)
 
     def _hear_frames(self, frames: list[str]) -> None:
         names = self._names

@@ -19,7 +19,12 @@ from intuitive_physics.parameter_posterior import (
     unit_intervals,
     widened_bounds,
 )
-from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
+from intuitive_physics.parameter_space import (
+    Bounds,
+    ParameterSpace,
+    parameter_vector,
+    parameters_of_vector,
+)
 from intuitive_physics.prior_knowledge import GivenKnowledge
 from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics.trajectory import MEAN_DISTANCE
@@ -47,7 +52,6 @@ from intuitive_physics_learner.search.convergence import (
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.identifiability import Identifiability
 from intuitive_physics_learner.search.learning_task import LearningTask
-from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.store.observation_entries import Assessment
 
 FOLLOWED_SHARE = 0.2

@@ -14,11 +14,11 @@ one of them, and most of them must be as near to their common estimate as chance
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
 from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
@@ -91,21 +91,6 @@ def _count_of(state: OnlineState, parameters: NDArray[np.int64]) -> int:
     return count + (RECENT if retired else 0)
 
 
-def chi_square_tail(value: float, degrees: int) -> float:
-    """Probability that a χ² variable of that many degrees of freedom exceeds a value.
-
-    By Q(k + 2) = Q(k) + (x/2)^(k/2) e^(-x/2) / Γ(k/2 + 1) from k = 1 or 2; 1 for no degrees.
-    """
-    if degrees == 0 or value <= 0.0:
-        return 1.0
-    half = 0.5 * value
-    first = 1 if degrees % 2 else 2
-    tail = math.erfc(math.sqrt(half)) if first == 1 else math.exp(-half)
-    for k in range(first, degrees, 2):
-        tail += math.exp(0.5 * k * math.log(half) - half - math.lgamma(0.5 * k + 1.0))
-    return min(tail, 1.0)
-
-
 def find_change(
     information: Gaussian,
     centre: NDArray[np.float64],
@@ -162,10 +147,17 @@ def change_probability(
         prior.precision + information, np.column_stack([information, scores])
     )
     projected = solved[np.ix_(members, members)]
-    values, vectors = np.linalg.eigh(0.5 * (projected + projected.T))
+    return _chance(solved[members, -1], projected)
+
+
+def _chance(scores: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
+    """Probability of larger scores (k,), normal about 0 with a covariance (k, k)."""
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     informed = values > UNIFORM_PRECISION
-    along = vectors[:, informed].T @ solved[members, -1]
-    return chi_square_tail(float((along**2 / values[informed]).sum()), int(informed.sum()))
+    if not informed.any():
+        return 1.0
+    along = vectors[:, informed].T @ scores
+    return float(chdtrc(informed.sum(), (along**2 / values[informed]).sum()))
 
 
 def _agreed_probability(
@@ -193,9 +185,5 @@ def _agree(
         scores = likelihood.scores + likelihood.information @ (
             common[likelihood.parameters] - likelihood.estimate
         )
-        values, vectors = np.linalg.eigh(likelihood.information)
-        informed = values > UNIFORM_PRECISION
-        along = vectors[:, informed].T @ scores
-        distance = float((along**2 / values[informed]).sum())
-        probabilities.append(chi_square_tail(distance, int(informed.sum())))
+        probabilities.append(_chance(scores, likelihood.information))
     return bool(np.median(probabilities) > AGREEMENT)

@@ -312,10 +312,9 @@ def _given_prior(task: LearningTask, given: GivenKnowledge) -> Gaussian | None:
     if not with_prior[active].any():
         return None
     prior = prior.within(space.bounds)
+    mean = np.where(with_prior, prior.mean, space.to_unit(task.start))
     precision = prior.information + UNIFORM_PRECISION * np.eye(space.size)
-    covariance = np.linalg.inv(precision)[np.ix_(active, active)]
-    mean = np.where(with_prior[active], prior.mean[active], task.begin)
-    return Gaussian.about(mean, np.linalg.inv(covariance))
+    return Gaussian.about(mean, precision).marginal(np.flatnonzero(active))
 
 
 def _identity(

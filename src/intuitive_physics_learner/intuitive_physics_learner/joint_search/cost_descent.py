@@ -4,7 +4,7 @@ Where the simulation lacks an effect that the observations have (air, a spin, an
 θ_s and no initial states explain them within their noise, and the best θ_s is that of the lowest J.
 J is a sum of distances and not of their squares, so Gauss-Newton steps weigh each point by one over
 its distance (Weiszfeld); only a step that lowers J is taken. Trying each parameter over its whole
-range leaves local optima, and so do random trials in the end, where the parameters are few.
+range leaves local optima.
 """
 
 from __future__ import annotations
@@ -39,7 +39,6 @@ from intuitive_physics_learner.joint_estimation.scans import (
 )
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask
-from intuitive_physics_learner.search.update_rules import HybridRandomSearch, UpdateRule
 
 DESCENT_DAMPINGS = (1e-3, 1e-2, 0.1, 1.0, 10.0)
 """Dampings, parts of the diagonal, that a descent of J tries in one step; set by hand."""
@@ -65,12 +64,6 @@ set by hand."""
 SMALLEST_GAIN = 1e-4
 """Part of J by which it must fall to be a gain; set by hand."""
 
-LARGEST_SAMPLED = 40
-"""Parameters up to which a descent of J ends with random trials; set by hand."""
-
-SAMPLING_PATIENCE = 300
-"""Random trials without gain after which the descent of J ends; set by hand."""
-
 SHORT_LENGTH = 0.1
 """Part of the median distance below which distances count as squares in a descent of J: a sum of
 distances has no slope at zero; set by hand."""
@@ -87,7 +80,7 @@ class CostDescent:
     finished : whether the descent has ended
     """
 
-    def __init__(self, task: FitTask, generator: np.random.Generator) -> None:
+    def __init__(self, task: FitTask) -> None:
         self._cost = task.cost
         self._space = task.space
         self._influence = task.influence
@@ -97,33 +90,22 @@ class CostDescent:
         self.unit = np.full(task.space.size, 0.5)
         self.cost = np.inf
         self.finished = False
-        self._generator = generator
-        self._first_generator = generator.bit_generator.state
         self.simulations = 0
         self._width = FIRST_WIDTH
         self._scan_next = True
-        self._rule: UpdateRule | None = None
-        self._without_gain = 0
 
     def begin(self, points: NDArray[np.float64]) -> None:
-        """Begin at the best of some points.
-
-        `points` (k, n) of the unit cube.
-        """
+        """Begin at the best of some points (k, n) of the unit cube."""
         self._take_best(points)
 
-    def step(self, limit: int) -> None:
-        """Try to lower J: along slopes first, then at random."""
+    def step(self) -> None:
+        """Try to lower J: over the range of each parameter first, then along slopes."""
         if self._scan_next:
             self._scan_next = False
             self._scan(np.tile(SCAN_LEVELS, (self._space.size, 1)))
-        elif self._width >= SMALLEST_WIDTH:
-            self._descend_or_narrow()
-            few = self._space.size <= LARGEST_SAMPLED
-            self.finished = self._width < SMALLEST_WIDTH and not few
         else:
-            self._rule = self._rule or self._new_rule()
-            self._try_at_random(self._rule, limit)
+            self._descend_or_narrow()
+            self.finished = self._width < SMALLEST_WIDTH
 
     def state(self) -> dict[str, Any]:
         """Return plain data from which a descent of the same cost continues exactly."""
@@ -131,12 +113,9 @@ class CostDescent:
             "unit": self.unit.tolist(),
             "cost": self.cost,
             "finished": self.finished,
-            "generator": self._first_generator,
             "simulations": self.simulations,
             "width": self._width,
             "scan_next": self._scan_next,
-            "rule": None if self._rule is None else self._rule.state_dict(),
-            "without_gain": self._without_gain,
         }
 
     def load_state(self, state: Mapping[str, Any]) -> None:
@@ -144,27 +123,9 @@ class CostDescent:
         self.unit = np.array(state["unit"])
         self.cost = state["cost"]
         self.finished = state["finished"]
-        self._first_generator = state["generator"]
-        self._generator.bit_generator.state = self._first_generator
         self.simulations = state["simulations"]
         self._width = state["width"]
         self._scan_next = state["scan_next"]
-        self._without_gain = state["without_gain"]
-        if state["rule"] is not None:
-            self._rule = self._new_rule()
-            self._rule.load_state(state["rule"])
-
-    def _new_rule(self) -> UpdateRule:
-        return HybridRandomSearch(self._space.size, self._generator, self.unit)
-
-    def _try_at_random(self, rule: UpdateRule, limit: int) -> None:
-        points = rule.ask(limit)
-        before = self.cost
-        costs = self._take_best(points)
-        rule.tell(costs)
-        gained = self._gained(before)
-        self._without_gain = 0 if gained else self._without_gain + len(points)
-        self.finished = self._without_gain >= SAMPLING_PATIENCE
 
     def _descend_or_narrow(self) -> None:
         before = self.cost
@@ -250,12 +211,11 @@ class CostDescent:
         moved[moves] = levels[moves, best[moves]]
         self._take_best(moved[None])
 
-    def _take_best(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Take over the best of points (k, n) if it is better; return J of each, (k,) in m."""
+    def _take_best(self, points: NDArray[np.float64]) -> None:
+        """Take over the best of points (k, n) if it is better."""
         candidates = [self._space.to_parameters(point) for point in points]
         costs = self._cost.costs(candidates)
         self.simulations += len(candidates) * len(self._cost.observations)
         best = int(np.argmin(costs))
         if costs[best] < self.cost:
             self.unit, self.cost = np.array(points[best]), float(costs[best])
-        return costs

@@ -50,7 +50,7 @@ def test_probability_is_uniform_without_a_change():
 def looked_for(information, recent, weight=0.0, rate=1e-4):
     counts = dict.fromkeys(FAMILIES, 100)
     weighted = [(likelihood, weight) for likelihood in recent]
-    return find_change(information, CENTRE, weighted, FAMILIES, counts, rate, 4)
+    return find_change(information, CENTRE, weighted, FAMILIES, counts, rate)
 
 
 def test_no_alarm_in_a_long_stationary_stream():
@@ -97,4 +97,4 @@ def test_nothing_is_a_change_before_something_is_known():
     recent = [(observed(generator, CENTRE + 0.1), 0.0) for _ in range(6)]
     information = known_from(generator, CENTRE, 1)
     counts = dict.fromkeys(FAMILIES, 1)
-    assert find_change(information, CENTRE, recent, FAMILIES, counts, 1e-4, 4) is None
+    assert find_change(information, CENTRE, recent, FAMILIES, counts, 1e-4) is None

@@ -57,7 +57,6 @@ def forget_what_changed(state: OnlineState, options: OnlineOptions) -> list[Memb
         families,
         {pair: _count_of(state, parameters) for pair, parameters in families.items()},
         OUTWEIGHED if _is_outweighed(state, options) else options.false_alarm_rate,
-        FEWEST_CHANGED,
     )
     if change is None:
         return None
@@ -98,16 +97,15 @@ def find_change(
     families: Mapping[tuple[str, ...], NDArray[np.int64]],
     counts: Mapping[tuple[str, ...], int],
     false_alarm_rate: float,
-    fewest: int,
 ) -> ChangePoint | None:
     """Look for a change before any of the last observations.
 
     `centre` (n,) mean where nothing is known; `families` (k,) indices of the parameters of
     each pair of materials.
     """
-    asked = max(len(recent) - fewest + 1, 0) * len(families)
+    asked = max(len(recent) - FEWEST_CHANGED + 1, 0) * len(families)
     best: ChangePoint | None = None
-    for length in range(fewest, len(recent) + 1):
+    for length in range(FEWEST_CHANGED, len(recent) + 1):
         before = information.plus(
             [likelihood for likelihood, _ in recent[-length:]],
             [-weight for _, weight in recent[-length:]],
@@ -118,7 +116,7 @@ def find_change(
         for family, members in families.items():
             influenced = [k for k in recent[-length:] if np.isin(k[0].parameters, members).any()]
             earlier = counts[family] - sum(weight > 0.0 for _, weight in influenced)
-            if min(len(influenced), earlier) < fewest:
+            if min(len(influenced), earlier) < FEWEST_CHANGED:
                 continue
             informing = [likelihood for likelihood, _ in influenced]
             probability = _agreed_probability(prior, informing, members)

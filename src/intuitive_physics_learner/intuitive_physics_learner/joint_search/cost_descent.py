@@ -9,35 +9,20 @@ range leaves local optima.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_learner.joint_estimation.linearisation import (
-    Linearisation,
-    ParameterSteps,
-    linearise,
-    separate_groups,
-)
-from intuitive_physics_learner.joint_estimation.normal_equations import (
-    OUTLIER_LENGTH,
-    NormalEquations,
-    bounded_step,
-    reduced_equations,
-)
-from intuitive_physics_learner.joint_estimation.observation_blocks import (
-    ObservationBlock,
-    observation_blocks,
-)
+from intuitive_physics_learner.cost.trials import Trials
+from intuitive_physics_learner.joint_estimation.linearisation import separate_groups
+from intuitive_physics_learner.joint_estimation.normal_equations import bounded_step
 from intuitive_physics_learner.joint_estimation.scans import (
     SCAN_LEVELS,
     compatible_moves,
     scan_candidates,
 )
-from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask
 
 DESCENT_DAMPINGS = (1e-3, 1e-2, 0.1, 1.0, 10.0)
@@ -85,8 +70,6 @@ class CostDescent:
         self._space = task.space
         self._influence = task.influence
         self._groups = separate_groups(task.influence)
-        observations = task.cost.observations
-        self._blocks = observation_blocks(observations, task.influence, free_states=False)
         self.unit = np.full(task.space.size, 0.5)
         self.cost = np.inf
         self.finished = False
@@ -142,26 +125,20 @@ class CostDescent:
         return self.cost < before * (1.0 - SMALLEST_GAIN)
 
     def _descend(self) -> None:
-        linear = self._linearised()
-        lengths = np.concatenate(
-            [np.linalg.norm(part.residuals[part.valid], axis=1) for part in linear]
-        )
+        """Take the best of some damped Gauss-Newton steps."""
+        parts = list(self._linearised())
+        lengths = np.concatenate([np.linalg.norm(residuals, axis=1) for _, residuals, _ in parts])
         if lengths.size == 0:
             return
         short = max(SHORT_LENGTH * float(np.median(lengths)), np.finfo(float).tiny)
-        scale = short / OUTLIER_LENGTH
-        eliminated = []
-        for block, part in zip(self._blocks, linear, strict=True):
-            still = np.zeros((block.members.size, 0))
-            weighted = self._by_trajectory(block, part)
-            points = replace(
-                block, whitening=np.broadcast_to(np.eye(3) / scale, block.whitening.shape)
-            )
-            equations = NormalEquations.of(points, still, weighted, block.durations)
-            eliminated.append(equations.eliminated())
-        nothing = Gaussian.about(self.unit, np.zeros((self._space.size, self._space.size)))
-        weights = np.ones(len(self._cost.observations))
-        information, scores = reduced_equations(nothing, self.unit, eliminated, weights)
+        information, scores = np.zeros((self._space.size,) * 2), np.zeros(self._space.size)
+        for columns, residuals, slopes in parts:
+            lengths = np.linalg.norm(residuals, axis=1)
+            # Every observation counts as in J, whatever its number of points.
+            weights = 1.0 / (lengths.size * np.maximum(lengths, short))
+            weighted = slopes * weights[:, None]
+            information[np.ix_(columns, columns)] += np.einsum("kpi,lpi->kl", weighted, slopes)
+            scores[columns] += np.einsum("kpi,pi->k", weighted, residuals)
         # What no point depends on stays where it is.
         still_there = np.diag(information) <= 0.0
         information[still_there, still_there] = 1.0
@@ -171,26 +148,29 @@ class CostDescent:
         tried = [self.unit + length * step for step in steps for length in DESCENT_LENGTHS]
         self._take_best(np.clip(tried, 0.0, 1.0))
 
-    def _linearised(self) -> list[Linearisation]:
-        widths = np.full(self._space.size, self._width)
-        steps = ParameterSteps(self.unit, widths, self._groups, self._space.to_parameters)
-        linear = []
-        for block in self._blocks:
-            still = np.zeros((block.members.size, 0))
-            self.simulations += block.members.size * (1 + 2 * block.parameters.shape[1])
-            until = block.durations
-            linear.append(linearise(self._cost, block, still, still, steps, until))
-        return linear
+    def _linearised(
+        self,
+    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]]:
+        """Yield the k parameters, residuals (P, 3) in m and slopes (k, P, 3) of each observation.
 
-    def _by_trajectory(self, block: ObservationBlock, linear: Linearisation) -> Linearisation:
-        """Weigh every trajectory as J does, whatever its number of points."""
-        points = np.isfinite(block.times).sum(axis=1)
-        weights = points.mean() / points
-        return replace(
-            linear,
-            residuals=linear.residuals * weights[:, None, None],
-            slopes=linear.slopes * weights[:, None, None, None],
-        )
+        Slopes are in m per width.
+        """
+        n = self._space.size
+        below = np.maximum(self.unit - self._width, 0.0)
+        above = np.minimum(self.unit + self._width, 1.0)
+        moved = np.tile(self.unit, (2 * n, 1))
+        moved[np.arange(2 * n), np.tile(np.arange(n), 2)] = np.concatenate([below, above])
+        candidates = [self._space.to_parameters(unit) for unit in (self.unit, *moved)]
+        for observation, row in enumerate(self._influence):
+            columns = np.flatnonzero(row)
+            index = np.concatenate([[0], 1 + columns, 1 + n + columns])
+            self.simulations += index.size
+            trials = Trials(candidates, index, np.full(index.size, observation))
+            residuals = self._cost.trial_residuals(trials)
+            # No point is there, or the simulation failed.
+            residuals = residuals[:, np.isfinite(residuals).all(axis=(0, 2))]
+            here, down, up = np.split(residuals, [1, 1 + columns.size])
+            yield columns, here[0], (up - down) / (above - below)[columns, None, None]
 
     def _scan(self, levels: NDArray[np.float64]) -> None:
         """Move parameters to those of their levels (n, n_levels) where J is lower."""

@@ -6,6 +6,7 @@ import json
 import sqlite3
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.limits import limits
@@ -47,10 +48,7 @@ def insert_observation(
         (observation.id, received_at, text),
     ).rowcount
     if inserted:
-        columns = entry_columns(observation)
-        row = (observation.id, received_at, *columns, USED, 1.0, "", next_revision(connection))
-        names, places = COLUMNS.removeprefix("number, "), ", ".join("?" * len(row))
-        connection.execute(f"INSERT INTO observation_entries ({names}) VALUES ({places})", row)
+        insert_entry(connection, observation.id, received_at, entry_columns(observation))
     return bool(inserted)
 
 
@@ -105,6 +103,15 @@ def check_ids(connection: sqlite3.Connection, ids: Sequence[str]) -> None:
         raise UnknownNameError(
             f"observation id is {missing[0]!r}; expected one of the {count} that are stored"
         )
+
+
+def insert_entry(
+    connection: sqlite3.Connection, name: str, received_at: float, columns: tuple[Any, ...]
+) -> None:
+    """Insert the entry of an observation, with its `entry_columns`, as of a new revision."""
+    row = (name, received_at, *columns, USED, 1.0, "", next_revision(connection))
+    names, places = COLUMNS.removeprefix("number, "), ", ".join("?" * len(row))
+    connection.execute(f"INSERT INTO observation_entries ({names}) VALUES ({places})", row)
 
 
 def renew_entry(connection: sqlite3.Connection, name: str, observation: Observation) -> None:

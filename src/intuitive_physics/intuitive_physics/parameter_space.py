@@ -278,9 +278,9 @@ def _limits(bounds: Bounds, lower: NDArray[np.float64] | None) -> tuple[NDArray[
 def stretch(
     unit: NDArray[np.float64], bounds: Bounds, lower: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    """Map places (...,) of the unit interval to values (...,) within bounds.
+    """Map places of the unit interval to values (...,) within bounds.
 
-    `lower` (...,) replaces the lower bound where it is higher.
+    `unit` (...,) from 0 to 1; `lower` (...,) replaces the lower bound where it is higher.
     """
     low, top = _limits(bounds, lower)
     is_logarithmic = bounds.scale == "logarithmic"
@@ -291,7 +291,10 @@ def stretch(
 def shrink(
     value: NDArray[np.float64], bounds: Bounds, lower: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    """Map values (...,) to places (...,) of the unit interval, as `stretch`; others are clipped."""
+    """Map values within bounds to places (...,) of the unit interval; others are clipped.
+
+    `value` (...,) in the unit of the bounds; `lower` (...,) as in `stretch`.
+    """
     low, top = _limits(bounds, lower)
     if bounds.scale == "logarithmic":
         span = np.log(top / low)

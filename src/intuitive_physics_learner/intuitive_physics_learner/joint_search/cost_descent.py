@@ -15,9 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics_learner.cost.cost_function import chunks
 from intuitive_physics_learner.cost.trials import Trials
 from intuitive_physics_learner.joint_estimation.linearisation import separate_groups
 from intuitive_physics_learner.joint_estimation.normal_equations import bounded_step
+from intuitive_physics_learner.joint_estimation.observation_blocks import LARGEST_BLOCK
 from intuitive_physics_learner.joint_estimation.scans import (
     SCAN_LEVELS,
     compatible_moves,
@@ -161,16 +163,18 @@ class CostDescent:
         moved = np.tile(self.unit, (2 * n, 1))
         moved[np.arange(2 * n), np.tile(np.arange(n), 2)] = np.concatenate([below, above])
         candidates = [self._space.to_parameters(unit) for unit in (self.unit, *moved)]
-        for observation, row in enumerate(self._influence):
-            columns = np.flatnonzero(row)
-            index = np.concatenate([[0], 1 + columns, 1 + n + columns])
-            self.simulations += index.size
-            trials = Trials(candidates, index, np.full(index.size, observation))
-            residuals = self._cost.trial_residuals(trials)
-            # No point is there, or the simulation failed.
-            residuals = residuals[:, np.isfinite(residuals).all(axis=(0, 2))]
-            here, down, up = np.split(residuals, [1, 1 + columns.size])
-            yield columns, here[0], (up - down) / (above - below)[columns, None, None]
+        columns = [np.flatnonzero(row) for row in self._influence]
+        for members in chunks(np.arange(len(columns)), LARGEST_BLOCK):
+            index = [np.concatenate([[0], 1 + columns[i], 1 + n + columns[i]]) for i in members]
+            sizes = [each.size for each in index]
+            trials = Trials(candidates, np.concatenate(index), np.repeat(members, sizes))
+            self.simulations += trials.size
+            every = self._cost.trial_residuals(trials)
+            for i, own in zip(members, np.split(every, np.cumsum(sizes)[:-1]), strict=True):
+                # No point is there, or the simulation failed.
+                residuals = own[:, np.isfinite(own).all(axis=(0, 2))]
+                here, down, up = np.split(residuals, [1, 1 + columns[i].size])
+                yield columns[i], here[0], (up - down) / (above - below)[columns[i], None, None]
 
     def _scan(self, levels: NDArray[np.float64]) -> None:
         """Move parameters to those of their levels (n, n_levels) where J is lower."""

@@ -128,14 +128,7 @@ class ParameterSpace:
         unit : (|θ_s|,) each from 0 to 1, in the order of `names`
         """
         point = finite_array(unit, "point of the unit cube", (self.size,))
-        values = self.to_values(point[None])[0]
-        m = len(self.materials)
-        rows, columns = _pairs(m)
-        by_pair = values[m:].reshape(pair_count(m), len(PAIR_COEFFICIENTS)).T
-        coefficients = np.empty((len(PAIR_COEFFICIENTS), m, m))
-        coefficients[:, rows, columns] = by_pair
-        coefficients[:, columns, rows] = by_pair
-        return StaticParameters(self.materials, values[:m], coefficients)
+        return parameters_of_vector(self.materials, self.to_values(point[None])[0])
 
     def to_values(self, units: NDArray[np.float64]) -> NDArray[np.float64]:
         """Map many points of the unit cube to the values of all parameters.
@@ -152,16 +145,16 @@ class ParameterSpace:
         points = np.minimum(np.maximum(units, 0.0), 1.0)
         m = len(self.materials)
         values = np.empty_like(points)
-        values[:, :m] = _stretch(points[:, :m], self.bounds["density"])
+        values[:, :m] = stretch(points[:, :m], self.bounds["density"])
         shape = (len(points), pair_count(m), len(PAIR_COEFFICIENTS))
         by_pair, pair_values = points[:, m:].reshape(shape), values[:, m:].reshape(shape)
-        dynamic = _stretch(by_pair[..., 1], self._dynamic_bounds)
-        pair_values[..., 0] = _stretch(
+        dynamic = stretch(by_pair[..., 1], self._dynamic_bounds)
+        pair_values[..., 0] = stretch(
             by_pair[..., 0], self.bounds["static_friction"], lower=dynamic
         )
         pair_values[..., 1] = dynamic
-        pair_values[..., 2] = _stretch(by_pair[..., 2], self.bounds["rolling_friction"])
-        pair_values[..., 3] = _stretch(by_pair[..., 3], self.bounds["restitution"])
+        pair_values[..., 2] = stretch(by_pair[..., 2], self.bounds["rolling_friction"])
+        pair_values[..., 3] = stretch(by_pair[..., 3], self.bounds["restitution"])
         return values
 
     def slopes(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -224,16 +217,16 @@ class ParameterSpace:
         """
         m = len(self.materials)
         units = np.empty(values.shape)
-        units[:, :m] = _shrink(values[:, :m], self.bounds["density"])
+        units[:, :m] = shrink(values[:, :m], self.bounds["density"])
         static, dynamic, rolling, restitution = np.moveaxis(
             values[:, m:].reshape(len(values), pair_count(m), len(PAIR_COEFFICIENTS)), -1, 0
         )
         units[:, m:] = np.stack(
             [
-                _shrink(static, self.bounds["static_friction"], lower=dynamic),
-                _shrink(dynamic, self._dynamic_bounds),
-                _shrink(rolling, self.bounds["rolling_friction"]),
-                _shrink(restitution, self.bounds["restitution"]),
+                shrink(static, self.bounds["static_friction"], lower=dynamic),
+                shrink(dynamic, self._dynamic_bounds),
+                shrink(rolling, self.bounds["rolling_friction"]),
+                shrink(restitution, self.bounds["restitution"]),
             ],
             axis=-1,
         ).reshape(units[:, m:].shape)
@@ -244,6 +237,22 @@ def parameter_vector(parameters: StaticParameters) -> NDArray[np.float64]:
     """θ_s as one array, shape (|θ_s|,), in the order of `parameter_names`, in SI units."""
     rows, columns = _pairs(len(parameters.materials))
     return np.concatenate([parameters.density, parameters.coefficients[:, rows, columns].T.ravel()])
+
+
+def parameters_of_vector(
+    materials: tuple[str, ...], vector: NDArray[np.float64]
+) -> StaticParameters:
+    """Return θ_s from one array.
+
+    `vector` (|θ_s|,) in each parameter's SI unit, as `parameter_vector` returns it.
+    """
+    m = len(materials)
+    rows, columns = _pairs(m)
+    by_pair = vector[m:].reshape(pair_count(m), len(PAIR_COEFFICIENTS)).T
+    coefficients = np.empty((len(PAIR_COEFFICIENTS), m, m))
+    coefficients[:, rows, columns] = by_pair
+    coefficients[:, columns, rows] = by_pair
+    return StaticParameters(materials, vector[:m], coefficients)
 
 
 @cache
@@ -266,18 +275,26 @@ def _limits(bounds: Bounds, lower: NDArray[np.float64] | None) -> tuple[NDArray[
     return np.minimum(np.maximum(lower, bounds.lower), bounds.upper), bounds.upper
 
 
-def _stretch(
+def stretch(
     unit: NDArray[np.float64], bounds: Bounds, lower: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
+    """Map places of the unit interval to values (...,) within bounds.
+
+    `unit` (...,) from 0 to 1; `lower` (...,) replaces the lower bound where it is higher.
+    """
     low, top = _limits(bounds, lower)
     is_logarithmic = bounds.scale == "logarithmic"
     values = low * (top / low) ** unit if is_logarithmic else low + unit * (top - low)
     return np.minimum(np.maximum(values, low), top)
 
 
-def _shrink(
+def shrink(
     value: NDArray[np.float64], bounds: Bounds, lower: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
+    """Map values within bounds to places (...,) of the unit interval; others are clipped.
+
+    `value` (...,) in the unit of the bounds; `lower` (...,) as in `stretch`.
+    """
     low, top = _limits(bounds, lower)
     if bounds.scale == "logarithmic":
         span = np.log(top / low)

@@ -21,10 +21,14 @@ from intuitive_physics.parameter_posterior import (
     ParameterPosterior,
     widened_bounds,
 )
-from intuitive_physics.parameter_space import DEFAULT_BOUNDS, Bounds, parameter_vector
+from intuitive_physics.parameter_space import (
+    DEFAULT_BOUNDS,
+    Bounds,
+    parameter_vector,
+    parameters_of_vector,
+)
 from intuitive_physics.prior_knowledge import GivenKnowledge
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 
 PRIOR = "prior"
 """Normal distributions about the values with their standard deviations, where there are such."""

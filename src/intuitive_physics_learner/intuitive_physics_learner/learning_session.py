@@ -19,7 +19,12 @@ from intuitive_physics.parameter_posterior import (
     unit_intervals,
     widened_bounds,
 )
-from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
+from intuitive_physics.parameter_space import (
+    Bounds,
+    ParameterSpace,
+    parameter_vector,
+    parameters_of_vector,
+)
 from intuitive_physics.prior_knowledge import GivenKnowledge
 from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics.trajectory import MEAN_DISTANCE
@@ -47,7 +52,6 @@ from intuitive_physics_learner.search.convergence import (
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.identifiability import Identifiability
 from intuitive_physics_learner.search.learning_task import LearningTask
-from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.store.observation_entries import Assessment
 
 FOLLOWED_SHARE = 0.2
@@ -308,10 +312,9 @@ def _given_prior(task: LearningTask, given: GivenKnowledge) -> Gaussian | None:
     if not with_prior[active].any():
         return None
     prior = prior.within(space.bounds)
+    mean = np.where(with_prior, prior.mean, space.to_unit(task.start))
     precision = prior.information + UNIFORM_PRECISION * np.eye(space.size)
-    covariance = np.linalg.inv(precision)[np.ix_(active, active)]
-    mean = np.where(with_prior[active], prior.mean[active], task.begin)
-    return Gaussian.about(mean, np.linalg.inv(covariance))
+    return Gaussian.about(mean, precision).marginal(np.flatnonzero(active))
 
 
 def _identity(

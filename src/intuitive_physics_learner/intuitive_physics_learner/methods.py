@@ -22,7 +22,6 @@ effect that the observations have, it lowers J instead."""
 DEFAULT_METHOD = JOINT_METHOD
 """The method of the nodes and of the command line where none is named."""
 
-
 METHODS = (DEFAULT_METHOD, *ALL_RULES)
 """All names, the default first."""
 

@@ -19,14 +19,16 @@ from intuitive_physics_learner import LearningCancelledError, NoObservationsErro
 from intuitive_physics_learner.design import (
     AboutMotion,
     AboutParameters,
-    ExpectedPosteriors,
     ThrownObject,
     ThrowOptions,
     ThrowRanges,
     ViewingConditions,
     expected_information,
-    expected_posteriors,
     suggest,
+)
+from intuitive_physics_learner.design.expected_information import (
+    ExpectedPosteriors,
+    expected_posteriors,
 )
 from intuitive_physics_learner.search.gaussian import Gaussian
 

@@ -8,7 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from intuitive_physics.materials import StaticParameters, parameter_names
-from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
+from intuitive_physics.parameter_space import (
+    Bounds,
+    ParameterSpace,
+    parameter_vector,
+    parameters_of_vector,
+)
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import (
@@ -22,7 +27,7 @@ from intuitive_physics_learner import (
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.wrapped_costs import InterruptibleCost
 from intuitive_physics_learner.search.identifiability import identification_trials
-from intuitive_physics_learner.search.parameter_axes import ParameterAxes, parameters_of_vector
+from intuitive_physics_learner.search.parameter_axes import ParameterAxes
 
 MATERIALS = ("ball", "floor")
 SPACE = ParameterSpace(MATERIALS)

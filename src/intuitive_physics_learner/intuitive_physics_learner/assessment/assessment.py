@@ -65,7 +65,6 @@ LARGEST_SHARE = 0.5
 LEAST_GOOD = 0.5
 """Probability of being good below which an observation is doubtful."""
 
-
 MIXTURE_STEPS = 100
 """Steps of expectation and maximisation, which contract by some tenths each."""
 
@@ -86,15 +85,20 @@ def assess_observations(
     assessments : of each, in the same order
     """
     all_violations = violations_of(observations)
-    log_ps = np.array([least_log_p(violations) for violations in all_violations])
-    weights = good_probabilities(log_ps)
-    clean, assessments = [], []
-    for observation, violations, weight in zip(
-        observations, all_violations, weights.tolist(), strict=True
-    ):
-        good = weight >= LEAST_GOOD or observation.id in trusted
-        assessments.append(assessed_by_laws(observation, () if good else violations, weight))
-        clean.append(observation if good else clean_part(observation, _clean_until(violations)))
+    assessments = assessed_by_laws(
+        [observation.id for observation in observations],
+        [least_log_p(violations) for violations in all_violations],
+        [worst_reason(*each) for each in zip(observations, all_violations, strict=True)],
+        trusted,
+    )
+    clean = [
+        clean_part(observation, _clean_until(violations))
+        if each.status == DOUBTFUL
+        else observation
+        for observation, violations, each in zip(
+            observations, all_violations, assessments, strict=True
+        )
+    ]
     return clean, assessments
 
 
@@ -111,14 +115,28 @@ def violations_of(observations: Sequence[Observation]) -> list[list[Violation]]:
 
 
 def assessed_by_laws(
-    observation: Observation, violations: Sequence[Violation], weight: float
-) -> Assessment:
-    """Assess an observation, by its probability of being good; no violations: it is used."""
+    ids: Sequence[str],
+    log_ps: Sequence[float],
+    reasons: Sequence[str],
+    trusted: Collection[str],
+) -> list[Assessment]:
+    """Assess observations by the p value of each, with the reason if it is doubtful."""
+    weights = good_probabilities(np.array(log_ps)).tolist()
+    return [
+        Assessment(name, weight, "", USED)
+        if weight >= LEAST_GOOD or name in trusted
+        else Assessment(name, weight, reason, DOUBTFUL)
+        for name, weight, reason in zip(ids, weights, reasons, strict=True)
+    ]
+
+
+def worst_reason(observation: Observation, violations: Sequence[Violation]) -> str:
+    """Return the reason of the worst violation in an observation; empty where there is none."""
     if not violations:
-        return Assessment(observation.id, weight, "", USED)
+        return ""
     worst = min(violations, key=lambda violation: violation.log_p)
     began = min(float(each.trajectory.times[0]) for each in observation.objects)
-    return Assessment(observation.id, weight, worst.what.at(worst.time - began), DOUBTFUL)
+    return worst.what.at(worst.time - began)
 
 
 def _clean_until(violations: Sequence[Violation]) -> float:

@@ -53,11 +53,9 @@ HEIGHT_ERROR = 0.05
 HOLD_DURATION = 1.0
 """Time that a hand takes to catch and carry an object, s."""
 
-
 JUMP_ENDS = ((0, 1), (-1, 1), (0, 2))
 """Pairs of points, from the one before the jump on, between which a jump shows. Each leaves out a
 point that may be an outlier."""
-
 
 LARGEST_BEND = 3.0
 """Distance, in g Δt², of a step Δt from what velocities one interval away make of it: gravity makes

@@ -26,10 +26,7 @@ from intuitive_physics.geometry.rotations import quaternion_product, rotate_quat
 from intuitive_physics.simulation import Rollout, Simulator, WorldStatus
 from intuitive_physics.simulation.shares import mapped_in_shares
 from intuitive_physics_learner.cost.cost_function import chunks
-from intuitive_physics_learner.cost.packed_observations import (
-    PackedObservations,
-    packed_in_groups,
-)
+from intuitive_physics_learner.cost.packed_observations import PackedObservations, packed_in_groups
 from intuitive_physics_learner.joint_estimation.fit_horizons import FAILED_LENGTH
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.normal_equations import huber_weights, robust_loss

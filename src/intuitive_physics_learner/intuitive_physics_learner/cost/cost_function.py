@@ -69,21 +69,15 @@ class Cost(ABC):
         self.threads = 1
         self.observations = tuple(observations)
         self.materials = tuple(materials or observation_materials(observations))
-        owners = [
-            (i, j)
+        owned = [
+            (i, j, int((times_after_start(observation, track) >= 0.0).sum()))
             for i, observation in enumerate(observations)
-            for j in range(len(observation.objects))
+            for j, track in enumerate(observation.objects)
         ]
-        self.trajectory_observation = np.array([i for i, _ in owners])
-        self.trajectory_object = np.array([j for _, j in owners])
-        self.trajectory_points = np.array(
-            [
-                int((times_after_start(observation, track) >= 0.0).sum())
-                for observation in observations
-                for track in observation.objects
-            ]
-        )
-        self.point_trajectory = np.repeat(np.arange(len(owners)), self.trajectory_points)
+        self.trajectory_observation, self.trajectory_object, self.trajectory_points = np.array(
+            owned
+        ).T
+        self.point_trajectory = np.repeat(np.arange(len(owned)), self.trajectory_points)
 
     @property
     def largest_share(self) -> int:

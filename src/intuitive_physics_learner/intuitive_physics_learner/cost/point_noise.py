@@ -40,7 +40,6 @@ has a relative error of a quarter."""
 MEDIAN_LENGTH_3 = 1.5381722544550522
 """Median of the length of three independent standard normal components: √(median of χ²₃)."""
 
-
 SAME_SIGN_SHARE = 0.5 - np.arcsin(0.75) / np.pi
 """Share of neighbouring third differences of white noise that have the same sign."""
 

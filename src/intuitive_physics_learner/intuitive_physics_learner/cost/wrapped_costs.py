@@ -57,10 +57,6 @@ class CachedCost(Cost):
 
     J is a sum over observations, and each depends on few parameters, so a candidate that differs
     from an earlier one in some parameters costs only the observations which these can change.
-
-    Attributes
-    ----------
-    simulated : trials that were simulated so far
     """
 
     def __init__(self, cost: Cost) -> None:
@@ -69,7 +65,6 @@ class CachedCost(Cost):
         influence = parameter_influence(cost.observations, cost.materials)
         self._parameters = [np.flatnonzero(row) for row in influence]
         self._cached: OrderedDict[tuple[int, bytes], NDArray[np.float64]] = OrderedDict()
-        self.simulated = 0
 
     def trial_distances(self, trials: Trials) -> NDArray[np.float64]:
         if trials.states is not None or trials.until is not None:
@@ -87,7 +82,6 @@ class CachedCost(Cost):
             chosen = np.array(list(missing.values()))
             rows = self._cost.trial_distances(trials.taken(chosen))
             self._cached.update(zip(missing, rows, strict=True))
-            self.simulated += chosen.size
         for key in keys:
             self._cached.move_to_end(key)
         distances = np.array([self._cached[key] for key in keys])

@@ -1,10 +1,5 @@
 """Bayesian experimental design: the most informative throw for a question."""
 
-from intuitive_physics_learner.design.expected_information import (
-    ExpectedPosteriors,
-    Reduction,
-    expected_posteriors,
-)
 from intuitive_physics_learner.design.questions import AboutMotion, AboutParameters, Question
 from intuitive_physics_learner.design.stored_suggestion import SuggestionRequest, suggest_from_store
 from intuitive_physics_learner.design.suggestion import Suggestion, suggest
@@ -19,9 +14,7 @@ from intuitive_physics_learner.design.throws import (
 __all__ = [
     "AboutMotion",
     "AboutParameters",
-    "ExpectedPosteriors",
     "Question",
-    "Reduction",
     "Suggestion",
     "SuggestionRequest",
     "Throw",
@@ -29,7 +22,6 @@ __all__ = [
     "ThrowRanges",
     "ThrownObject",
     "ViewingConditions",
-    "expected_posteriors",
     "suggest",
     "suggest_from_store",
 ]

@@ -157,10 +157,7 @@ def expected_posteriors(
 
 
 def _execution_errors(
-    throws: Sequence[Throw],
-    block: ObservationBlock,
-    draws: int,
-    rng: np.random.Generator,
+    throws: Sequence[Throw], block: ObservationBlock, draws: int, rng: np.random.Generator
 ) -> NDArray[np.float64]:
     """Errors (n_draws, W, d), in SI units, of throws of a block that miss by whole ranges."""
     widths = np.zeros((block.members.size, block.initial_states.observed.shape[1] * 12))

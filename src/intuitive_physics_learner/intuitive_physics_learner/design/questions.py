@@ -24,7 +24,6 @@ from intuitive_physics_learner.given_parameters import parameter_indices
 QUERY_DRAWS = 256
 """Draws of θ_s by which the dependence of a query's answer on θ_s is found; set by hand."""
 
-
 RATE = 60.0
 """1/s at which a simulated trajectory is held against a region."""
 

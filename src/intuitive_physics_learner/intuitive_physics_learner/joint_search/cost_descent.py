@@ -4,42 +4,28 @@ Where the simulation lacks an effect that the observations have (air, a spin, an
 θ_s and no initial states explain them within their noise, and the best θ_s is that of the lowest J.
 J is a sum of distances and not of their squares, so Gauss-Newton steps weigh each point by one over
 its distance (Weiszfeld); only a step that lowers J is taken. Trying each parameter over its whole
-range leaves local optima, and so do random trials in the end, where the parameters are few.
+range leaves local optima.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_learner.joint_estimation.linearisation import (
-    Linearisation,
-    ParameterSteps,
-    linearise,
-    separate_groups,
-)
-from intuitive_physics_learner.joint_estimation.normal_equations import (
-    OUTLIER_LENGTH,
-    NormalEquations,
-    bounded_step,
-    reduced_equations,
-)
-from intuitive_physics_learner.joint_estimation.observation_blocks import (
-    ObservationBlock,
-    observation_blocks,
-)
+from intuitive_physics_learner.cost.cost_function import chunks
+from intuitive_physics_learner.cost.trials import Trials
+from intuitive_physics_learner.joint_estimation.linearisation import separate_groups
+from intuitive_physics_learner.joint_estimation.normal_equations import bounded_step
+from intuitive_physics_learner.joint_estimation.observation_blocks import LARGEST_BLOCK
 from intuitive_physics_learner.joint_estimation.scans import (
     SCAN_LEVELS,
     compatible_moves,
     scan_candidates,
 )
-from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask
-from intuitive_physics_learner.search.update_rules import HybridRandomSearch, UpdateRule
 
 DESCENT_DAMPINGS = (1e-3, 1e-2, 0.1, 1.0, 10.0)
 """Dampings, parts of the diagonal, that a descent of J tries in one step; set by hand."""
@@ -65,12 +51,6 @@ set by hand."""
 SMALLEST_GAIN = 1e-4
 """Part of J by which it must fall to be a gain; set by hand."""
 
-LARGEST_SAMPLED = 40
-"""Parameters up to which a descent of J ends with random trials; set by hand."""
-
-SAMPLING_PATIENCE = 300
-"""Random trials without gain after which the descent of J ends; set by hand."""
-
 SHORT_LENGTH = 0.1
 """Part of the median distance below which distances count as squares in a descent of J: a sum of
 distances has no slope at zero; set by hand."""
@@ -87,43 +67,30 @@ class CostDescent:
     finished : whether the descent has ended
     """
 
-    def __init__(self, task: FitTask, generator: np.random.Generator) -> None:
+    def __init__(self, task: FitTask) -> None:
         self._cost = task.cost
         self._space = task.space
         self._influence = task.influence
         self._groups = separate_groups(task.influence)
-        observations = task.cost.observations
-        self._blocks = observation_blocks(observations, task.influence, free_states=False)
         self.unit = np.full(task.space.size, 0.5)
         self.cost = np.inf
         self.finished = False
-        self._generator = generator
-        self._first_generator = generator.bit_generator.state
         self.simulations = 0
         self._width = FIRST_WIDTH
         self._scan_next = True
-        self._rule: UpdateRule | None = None
-        self._without_gain = 0
 
     def begin(self, points: NDArray[np.float64]) -> None:
-        """Begin at the best of some points.
-
-        `points` (k, n) of the unit cube.
-        """
+        """Begin at the best of some points (k, n) of the unit cube."""
         self._take_best(points)
 
-    def step(self, limit: int) -> None:
-        """Try to lower J: along slopes first, then at random."""
+    def step(self) -> None:
+        """Try to lower J: over the range of each parameter first, then along slopes."""
         if self._scan_next:
             self._scan_next = False
             self._scan(np.tile(SCAN_LEVELS, (self._space.size, 1)))
-        elif self._width >= SMALLEST_WIDTH:
-            self._descend_or_narrow()
-            few = self._space.size <= LARGEST_SAMPLED
-            self.finished = self._width < SMALLEST_WIDTH and not few
         else:
-            self._rule = self._rule or self._new_rule()
-            self._try_at_random(self._rule, limit)
+            self._descend_or_narrow()
+            self.finished = self._width < SMALLEST_WIDTH
 
     def state(self) -> dict[str, Any]:
         """Return plain data from which a descent of the same cost continues exactly."""
@@ -131,12 +98,9 @@ class CostDescent:
             "unit": self.unit.tolist(),
             "cost": self.cost,
             "finished": self.finished,
-            "generator": self._first_generator,
             "simulations": self.simulations,
             "width": self._width,
             "scan_next": self._scan_next,
-            "rule": None if self._rule is None else self._rule.state_dict(),
-            "without_gain": self._without_gain,
         }
 
     def load_state(self, state: Mapping[str, Any]) -> None:
@@ -144,27 +108,9 @@ class CostDescent:
         self.unit = np.array(state["unit"])
         self.cost = state["cost"]
         self.finished = state["finished"]
-        self._first_generator = state["generator"]
-        self._generator.bit_generator.state = self._first_generator
         self.simulations = state["simulations"]
         self._width = state["width"]
         self._scan_next = state["scan_next"]
-        self._without_gain = state["without_gain"]
-        if state["rule"] is not None:
-            self._rule = self._new_rule()
-            self._rule.load_state(state["rule"])
-
-    def _new_rule(self) -> UpdateRule:
-        return HybridRandomSearch(self._space.size, self._generator, self.unit)
-
-    def _try_at_random(self, rule: UpdateRule, limit: int) -> None:
-        points = rule.ask(limit)
-        before = self.cost
-        costs = self._take_best(points)
-        rule.tell(costs)
-        gained = self._gained(before)
-        self._without_gain = 0 if gained else self._without_gain + len(points)
-        self.finished = self._without_gain >= SAMPLING_PATIENCE
 
     def _descend_or_narrow(self) -> None:
         before = self.cost
@@ -181,26 +127,20 @@ class CostDescent:
         return self.cost < before * (1.0 - SMALLEST_GAIN)
 
     def _descend(self) -> None:
-        linear = self._linearised()
-        lengths = np.concatenate(
-            [np.linalg.norm(part.residuals[part.valid], axis=1) for part in linear]
-        )
+        """Take the best of some damped Gauss-Newton steps."""
+        parts = list(self._linearised())
+        lengths = np.concatenate([np.linalg.norm(residuals, axis=1) for _, residuals, _ in parts])
         if lengths.size == 0:
             return
         short = max(SHORT_LENGTH * float(np.median(lengths)), np.finfo(float).tiny)
-        scale = short / OUTLIER_LENGTH
-        eliminated = []
-        for block, part in zip(self._blocks, linear, strict=True):
-            still = np.zeros((block.members.size, 0))
-            weighted = self._by_trajectory(block, part)
-            points = replace(
-                block, whitening=np.broadcast_to(np.eye(3) / scale, block.whitening.shape)
-            )
-            equations = NormalEquations.of(points, still, weighted, block.durations)
-            eliminated.append(equations.eliminated())
-        nothing = Gaussian.about(self.unit, np.zeros((self._space.size, self._space.size)))
-        weights = np.ones(len(self._cost.observations))
-        information, scores = reduced_equations(nothing, self.unit, eliminated, weights)
+        information, scores = np.zeros((self._space.size,) * 2), np.zeros(self._space.size)
+        for columns, residuals, slopes in parts:
+            lengths = np.linalg.norm(residuals, axis=1)
+            # Every observation counts as in J, whatever its number of points.
+            weights = 1.0 / (lengths.size * np.maximum(lengths, short))
+            weighted = slopes * weights[:, None]
+            information[np.ix_(columns, columns)] += np.einsum("kpi,lpi->kl", weighted, slopes)
+            scores[columns] += np.einsum("kpi,pi->k", weighted, residuals)
         # What no point depends on stays where it is.
         still_there = np.diag(information) <= 0.0
         information[still_there, still_there] = 1.0
@@ -210,26 +150,31 @@ class CostDescent:
         tried = [self.unit + length * step for step in steps for length in DESCENT_LENGTHS]
         self._take_best(np.clip(tried, 0.0, 1.0))
 
-    def _linearised(self) -> list[Linearisation]:
-        widths = np.full(self._space.size, self._width)
-        steps = ParameterSteps(self.unit, widths, self._groups, self._space.to_parameters)
-        linear = []
-        for block in self._blocks:
-            still = np.zeros((block.members.size, 0))
-            self.simulations += block.members.size * (1 + 2 * block.parameters.shape[1])
-            until = block.durations
-            linear.append(linearise(self._cost, block, still, still, steps, until))
-        return linear
+    def _linearised(
+        self,
+    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]]:
+        """Yield the k parameters, residuals (P, 3) in m and slopes (k, P, 3) of each observation.
 
-    def _by_trajectory(self, block: ObservationBlock, linear: Linearisation) -> Linearisation:
-        """Weigh every trajectory as J does, whatever its number of points."""
-        points = np.isfinite(block.times).sum(axis=1)
-        weights = points.mean() / points
-        return replace(
-            linear,
-            residuals=linear.residuals * weights[:, None, None],
-            slopes=linear.slopes * weights[:, None, None, None],
-        )
+        Slopes are in m per width.
+        """
+        n = self._space.size
+        below = np.maximum(self.unit - self._width, 0.0)
+        above = np.minimum(self.unit + self._width, 1.0)
+        moved = np.tile(self.unit, (2 * n, 1))
+        moved[np.arange(2 * n), np.tile(np.arange(n), 2)] = np.concatenate([below, above])
+        candidates = [self._space.to_parameters(unit) for unit in (self.unit, *moved)]
+        columns = [np.flatnonzero(row) for row in self._influence]
+        for members in chunks(np.arange(len(columns)), LARGEST_BLOCK):
+            index = [np.concatenate([[0], 1 + columns[i], 1 + n + columns[i]]) for i in members]
+            sizes = [each.size for each in index]
+            trials = Trials(candidates, np.concatenate(index), np.repeat(members, sizes))
+            self.simulations += trials.size
+            every = self._cost.trial_residuals(trials)
+            for i, own in zip(members, np.split(every, np.cumsum(sizes)[:-1]), strict=True):
+                # No point is there, or the simulation failed.
+                residuals = own[:, np.isfinite(own).all(axis=(0, 2))]
+                here, down, up = np.split(residuals, [1, 1 + columns[i].size])
+                yield columns[i], here[0], (up - down) / (above - below)[columns[i], None, None]
 
     def _scan(self, levels: NDArray[np.float64]) -> None:
         """Move parameters to those of their levels (n, n_levels) where J is lower."""
@@ -250,12 +195,11 @@ class CostDescent:
         moved[moves] = levels[moves, best[moves]]
         self._take_best(moved[None])
 
-    def _take_best(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Take over the best of points (k, n) if it is better; return J of each, (k,) in m."""
+    def _take_best(self, points: NDArray[np.float64]) -> None:
+        """Take over the best of points (k, n) if it is better."""
         candidates = [self._space.to_parameters(point) for point in points]
         costs = self._cost.costs(candidates)
         self.simulations += len(candidates) * len(self._cost.observations)
         best = int(np.argmin(costs))
         if costs[best] < self.cost:
             self.unit, self.cost = np.array(points[best]), float(costs[best])
-        return costs

@@ -63,7 +63,7 @@ class JointSearch(Search):
     Parameters
     ----------
     task : what to learn
-    generator : of the starts of fits, and of the random numbers of the descent of J
+    generator : of the starts of fits
     """
 
     def __init__(self, task: LearningTask, generator: np.random.Generator) -> None:
@@ -73,10 +73,9 @@ class JointSearch(Search):
         self._space = fit_task.space
         drawn = drawn_starts(fit_task.prior, STARTS - 1, generator)
         self._staged = StagedFit(fit_task, np.array([fit_task.prior.mean, *drawn]))
-        self._generator = generator
         self._time_limit = np.inf
         self._evaluations = 0
-        self._descent = CostDescent(replace(fit_task, cost=task.cost), generator)
+        self._descent = CostDescent(replace(fit_task, cost=task.cost))
         self._misfits: list[float] = []
         self._lowest = self.fit.unit
         self._lowest_cost = np.inf
@@ -111,7 +110,7 @@ class JointSearch(Search):
         before = self.iterations
         if self.lowers_cost:
             if not self._descent.finished:
-                self._descent.step(limit)
+                self._descent.step()
                 self._count(self._descent.cost)
         elif not self._staged.settled:
             self._step_fits()

@@ -31,6 +31,7 @@ from intuitive_physics_learner.errors import DatabaseBusyError, DatabaseFullErro
 from intuitive_physics_learner.nodes.learning_services import answered_beside
 from intuitive_physics_learner.store import ObservationEntry, ObservationStore
 from intuitive_physics_learner.store.observation_entries import EXCLUDED, UNREADABLE, USED
+from intuitive_physics_learner.store.observation_store import EXCLUDED_BY_USER
 from intuitive_physics_learner.store.room import Room
 from intuitive_physics_ros.background import Background, trigger
 from intuitive_physics_ros.conversions import observation_from_message, stamp_from_seconds
@@ -278,8 +279,7 @@ class ObservationServices:
         if request.status == USED:
             response.changed = self._store.include(request.ids)
         elif request.status == EXCLUDED:
-            given = {"reason": request.reason} if request.reason else {}
-            response.changed = self._store.exclude(request.ids, **given)
+            response.changed = self._store.exclude(request.ids, request.reason or EXCLUDED_BY_USER)
         else:
             raise InvalidInputError(
                 f"status is {request.status!r}; expected {USED!r} or {EXCLUDED!r}"

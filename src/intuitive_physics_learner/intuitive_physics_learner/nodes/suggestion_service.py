@@ -27,9 +27,6 @@ from intuitive_physics_ros.result_codes import ok_result
 TIME_LIMIT = "suggestion_time_limit"
 """Name of the node's parameter."""
 
-DEFAULT_COUNT = 5
-"""Throws suggested where a request names no number."""
-
 MakeSuggestions = Callable[[SuggestionRequest, StopFlag], list[Suggestion]]
 """Takes a request and a flag that it stops by, and returns the best throws."""
 
@@ -96,7 +93,7 @@ def _request(message: Suggest.Request) -> SuggestionRequest:
         position=_range(message.position, "position"),
         linear_velocity=_range(message.linear_velocity, "linear_velocity"),
         angular_velocity=_range(message.angular_velocity, "angular_velocity"),
-        count=message.count or DEFAULT_COUNT,
+        count=message.count or SuggestionRequest.count,
         seed=message.seed,
     )
 

@@ -19,7 +19,6 @@ from typing import Any
 
 from intuitive_physics.limits import limits
 from intuitive_physics.processes import bound_command
-from intuitive_physics.settings import list_settings
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.worker import FAILED, WAITING, WorkerReport
 
@@ -84,10 +83,7 @@ class BackgroundLearning:
             "simulator": self._simulator,
             "cores": cores,
             "limits": asdict(limits()),
-            "options": {
-                setting.name: getattr(options, setting.name)
-                for setting in list_settings(OnlineOptions)
-            },
+            "options": asdict(options),
         }
         with self._lock:
             self.stop()

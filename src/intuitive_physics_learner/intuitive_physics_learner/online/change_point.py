@@ -14,11 +14,11 @@ one of them, and most of them must be as near to their common estimate as chance
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
 from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
@@ -57,7 +57,6 @@ def forget_what_changed(state: OnlineState, options: OnlineOptions) -> list[Memb
         families,
         {pair: _count_of(state, parameters) for pair, parameters in families.items()},
         OUTWEIGHED if _is_outweighed(state, options) else options.false_alarm_rate,
-        FEWEST_CHANGED,
     )
     if change is None:
         return None
@@ -91,21 +90,6 @@ def _count_of(state: OnlineState, parameters: NDArray[np.int64]) -> int:
     return count + (RECENT if retired else 0)
 
 
-def chi_square_tail(value: float, degrees: int) -> float:
-    """Probability that a χ² variable of that many degrees of freedom exceeds a value.
-
-    By Q(k + 2) = Q(k) + (x/2)^(k/2) e^(-x/2) / Γ(k/2 + 1) from k = 1 or 2; 1 for no degrees.
-    """
-    if degrees == 0 or value <= 0.0:
-        return 1.0
-    half = 0.5 * value
-    first = 1 if degrees % 2 else 2
-    tail = math.erfc(math.sqrt(half)) if first == 1 else math.exp(-half)
-    for k in range(first, degrees, 2):
-        tail += math.exp(0.5 * k * math.log(half) - half - math.lgamma(0.5 * k + 1.0))
-    return min(tail, 1.0)
-
-
 def find_change(
     information: Gaussian,
     centre: NDArray[np.float64],
@@ -113,16 +97,15 @@ def find_change(
     families: Mapping[tuple[str, ...], NDArray[np.int64]],
     counts: Mapping[tuple[str, ...], int],
     false_alarm_rate: float,
-    fewest: int,
 ) -> ChangePoint | None:
     """Look for a change before any of the last observations.
 
     `centre` (n,) mean where nothing is known; `families` (k,) indices of the parameters of
     each pair of materials.
     """
-    asked = max(len(recent) - fewest + 1, 0) * len(families)
+    asked = max(len(recent) - FEWEST_CHANGED + 1, 0) * len(families)
     best: ChangePoint | None = None
-    for length in range(fewest, len(recent) + 1):
+    for length in range(FEWEST_CHANGED, len(recent) + 1):
         before = information.plus(
             [likelihood for likelihood, _ in recent[-length:]],
             [-weight for _, weight in recent[-length:]],
@@ -133,7 +116,7 @@ def find_change(
         for family, members in families.items():
             influenced = [k for k in recent[-length:] if np.isin(k[0].parameters, members).any()]
             earlier = counts[family] - sum(weight > 0.0 for _, weight in influenced)
-            if min(len(influenced), earlier) < fewest:
+            if min(len(influenced), earlier) < FEWEST_CHANGED:
                 continue
             informing = [likelihood for likelihood, _ in influenced]
             probability = _agreed_probability(prior, informing, members)
@@ -162,10 +145,17 @@ def change_probability(
         prior.precision + information, np.column_stack([information, scores])
     )
     projected = solved[np.ix_(members, members)]
-    values, vectors = np.linalg.eigh(0.5 * (projected + projected.T))
+    return _chance(solved[members, -1], projected)
+
+
+def _chance(scores: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
+    """Probability of larger scores (k,), normal about 0 with a covariance (k, k)."""
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     informed = values > UNIFORM_PRECISION
-    along = vectors[:, informed].T @ solved[members, -1]
-    return chi_square_tail(float((along**2 / values[informed]).sum()), int(informed.sum()))
+    if not informed.any():
+        return 1.0
+    along = vectors[:, informed].T @ scores
+    return float(chdtrc(informed.sum(), (along**2 / values[informed]).sum()))
 
 
 def _agreed_probability(
@@ -193,9 +183,5 @@ def _agree(
         scores = likelihood.scores + likelihood.information @ (
             common[likelihood.parameters] - likelihood.estimate
         )
-        values, vectors = np.linalg.eigh(likelihood.information)
-        informed = values > UNIFORM_PRECISION
-        along = vectors[:, informed].T @ scores
-        distance = float((along**2 / values[informed]).sum())
-        probabilities.append(chi_square_tail(distance, int(informed.sum())))
+        probabilities.append(_chance(scores, likelihood.information))
     return bool(np.median(probabilities) > AGREEMENT)

@@ -14,13 +14,12 @@ import numpy as np
 
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.assessment.assessment import (
-    LEAST_GOOD,
     NOISE_LOSS,
     assessed_by_laws,
-    good_probabilities,
     least_log_p,
     reassessed,
     violations_of,
+    worst_reason,
 )
 from intuitive_physics_learner.assessment.reasons import Reason
 from intuitive_physics_learner.assessment.undisturbed_motion import undisturbed_misfits
@@ -105,7 +104,7 @@ def signs_of(fit: LoneFit, simulator: Simulator, generator: np.random.Generator)
     misfits, times = undisturbed_misfits(fit.fit, simulator, generator)
     return Signs(
         float(np.nan_to_num(least_log_p(violations))),
-        assessed_by_laws(fit.observation, violations, 0.0).reason,
+        worst_reason(fit.observation, violations),
         float(np.nan_to_num(misfits, nan=NOISE_LOSS)[0]),
         float(np.nan_to_num(times)[0]),
     )
@@ -117,15 +116,10 @@ def assessed(members: Mapping[str, Signs], trusted: Collection[str] = ()) -> lis
     Those whose ids are trusted are assessed, too, but never doubtful.
     """
     signs = list(members.values())
-    weights = good_probabilities(np.array([each.log_p for each in signs])).tolist()
-    by_laws = [
-        Assessment(name, weight, "", USED)
-        if weight >= LEAST_GOOD or name in trusted
-        else Assessment(name, weight, of.violated, DOUBTFUL)
-        for (name, of), weight in zip(members.items(), weights, strict=True)
-    ]
+    log_ps, reasons = [each.log_p for each in signs], [each.violated for each in signs]
+    by_laws = assessed_by_laws(list(members), log_ps, reasons, trusted)
     misfits, times = np.array([[each.misfit, each.time] for each in signs]).reshape(-1, 2).T
-    return list(reassessed(by_laws, misfits, times, trusted))
+    return reassessed(by_laws, misfits, times, trusted)
 
 
 def set_aside_disturbed(state: OnlineState) -> list[Assessment]:

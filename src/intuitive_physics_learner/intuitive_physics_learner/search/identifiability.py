@@ -222,10 +222,7 @@ def _autocorrelation_time(parts: list[NDArray[np.float64]]) -> float:
 
 
 def _cost_changes(
-    cost: Cost,
-    axes: ParameterAxes,
-    chosen: NDArray[np.int64],
-    parameters: StaticParameters,
+    cost: Cost, axes: ParameterAxes, chosen: NDArray[np.int64], parameters: StaticParameters
 ) -> NDArray[np.float64]:
     """Change (n_chosen, n_levels) of J in m at each scan level."""
     at_optimum = cost.distances([parameters])[0]
@@ -239,10 +236,7 @@ def _cost_changes(
 
 
 def _squares_of_slopes(
-    cost: Cost,
-    axes: ParameterAxes,
-    chosen: NDArray[np.int64],
-    influence: NDArray[np.bool_],
+    cost: Cost, axes: ParameterAxes, chosen: NDArray[np.int64], influence: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
     """Aᵀ A (n_chosen, n_chosen) in m², A being the slopes of all residuals along the chosen axes.
 

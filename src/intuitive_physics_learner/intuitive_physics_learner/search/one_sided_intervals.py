@@ -30,7 +30,6 @@ MOVE_ROUNDS = 5
 MOVE_GROWTH = 3.0
 """Factor on the distance from one round outwards to the next; set by hand."""
 
-
 SMALLEST_RESPONSE = 1e-9
 """m; a change of J below this is rounding."""
 

@@ -6,7 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.materials import PAIR_COEFFICIENTS, StaticParameters
-from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
+from intuitive_physics.parameter_space import (
+    Bounds,
+    ParameterSpace,
+    parameter_vector,
+    parameters_of_vector,
+    shrink,
+    stretch,
+)
 
 
 class ParameterAxes:
@@ -56,7 +63,7 @@ class ParameterAxes:
         The other friction of its pair comes along where μ_d ≤ μ_s leaves no room.
         """
         vector = self._vector.copy()
-        vector[axis] = _value(self._bounds[axis], place)
+        vector[axis] = self.value(axis, place)
         m, kinds = len(self._materials), len(PAIR_COEFFICIENTS)
         if axis >= m:
             static = m + (axis - m) // kinds * kinds
@@ -68,39 +75,7 @@ class ParameterAxes:
 
     def value(self, axis: int, place: float) -> float:
         """Return the parameter, in its SI unit, at a place of its axis."""
-        return _value(self._bounds[axis], place)
+        return float(stretch(np.asarray(place), self._bounds[axis]))
 
     def _to_axes(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.array([_place(b, v) for b, v in zip(self._bounds, vector, strict=True)])
-
-
-def _place(bounds: Bounds, value: float) -> float:
-    if bounds.upper == bounds.lower:
-        return 0.0
-    value = min(max(value, bounds.lower), bounds.upper)
-    if bounds.scale == "logarithmic":
-        return float(np.log(value / bounds.lower) / np.log(bounds.upper / bounds.lower))
-    return (value - bounds.lower) / (bounds.upper - bounds.lower)
-
-
-def _value(bounds: Bounds, place: float) -> float:
-    if bounds.scale == "logarithmic":
-        return bounds.lower * (bounds.upper / bounds.lower) ** place
-    return bounds.lower + place * (bounds.upper - bounds.lower)
-
-
-def parameters_of_vector(
-    materials: tuple[str, ...], vector: NDArray[np.float64]
-) -> StaticParameters:
-    """Return θ_s from one array.
-
-    `vector` (|θ_s|,) in each parameter's SI unit, as `parameter_vector`
-    returns it.
-    """
-    m = len(materials)
-    rows, columns = np.triu_indices(m)
-    by_pair = vector[m:].reshape(rows.size, len(PAIR_COEFFICIENTS)).T
-    coefficients = np.empty((len(PAIR_COEFFICIENTS), m, m))
-    coefficients[:, rows, columns] = by_pair
-    coefficients[:, columns, rows] = by_pair
-    return StaticParameters(materials, vector[:m], coefficients)
+        return np.array([shrink(v, b) for b, v in zip(self._bounds, vector, strict=True)])

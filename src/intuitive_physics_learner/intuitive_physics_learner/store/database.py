@@ -89,7 +89,6 @@ ENTRY_TRIGGERS: tuple[str, ...] = (
 )
 """Triggers that keep the counts right."""
 
-
 MIGRATIONS: tuple[tuple[str, ...], ...] = (
     (
         f"PRAGMA application_id = {APPLICATION_ID}",

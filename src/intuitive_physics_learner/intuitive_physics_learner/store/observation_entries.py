@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
@@ -19,12 +19,6 @@ STATUSES = (USED, EXCLUDED, DOUBTFUL, UNREADABLE)
 
 INCLUDED_BY_USER = "included by the user"
 """Reason of an observation of status `USED` that no learner sets aside."""
-
-COLUMNS = (
-    "number, id, received_at, start_time, first_time, last_time, materials, object_count, "
-    "point_count, has_detections, status, weight, reason, revision"
-)
-"""Columns of the table `observation_entries`, in the order of the fields of `ObservationEntry`."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +60,10 @@ class ObservationEntry:
     @staticmethod
     def from_row(row: tuple[Any, ...]) -> ObservationEntry:
         """Read a row of `COLUMNS`."""
-        number, name, received, start, first, last, materials, objects, points, has, *rest = row
-        names = tuple(json.loads(materials))
-        return ObservationEntry(
-            number, name, received, start, first, last, names, objects, points, bool(has), *rest
-        )
+        values = dict(zip(COLUMNS.split(", "), row, strict=True))
+        values["materials"] = tuple(json.loads(values["materials"]))
+        values["has_detections"] = bool(values["has_detections"])
+        return ObservationEntry(**values)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for people and other programs."""
@@ -86,6 +79,10 @@ class ObservationEntry:
             "weight": self.weight,
             "reason": self.reason,
         }
+
+
+COLUMNS = ", ".join(field.name for field in fields(ObservationEntry))
+"""Columns of the table `observation_entries` that make an entry, in the order of its fields."""
 
 
 @dataclass(frozen=True)

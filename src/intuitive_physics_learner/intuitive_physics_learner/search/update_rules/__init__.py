@@ -30,7 +30,6 @@ __all__ = [
     "ALL_RULES",
     "FURTHER_RULES",
     "UPDATE_RULES",
-    "HybridRandomSearch",
     "UpdateRule",
     "make_update_rule",
 ]

@@ -42,7 +42,7 @@ class InitialStateDeviations:
     standard_deviations: NDArray[np.float64]
 
     @staticmethod
-    def of(observation: Observation, free: bool = True) -> InitialStateDeviations:
+    def of(observation: Observation) -> InitialStateDeviations:
         """Read them from the diagonals of the initial states' covariances."""
         axes, deviations = [], []
         for j, track in enumerate(observation.objects):
@@ -51,7 +51,6 @@ class InitialStateDeviations:
             spread[LINEAR_VELOCITY] *= PRIOR_WIDENING
             if isinstance(track.object.shape, Sphere):
                 spread[ROTATION] = 0.0
-            spread *= free
             axes += [(j, int(k)) for k in np.flatnonzero(spread)]
             deviations += spread[spread > 0.0].tolist()
         observed = np.array([track.initial_state.to_vector() for track in observation.objects])
@@ -190,20 +189,18 @@ class ObservationBlock:
 
 
 def observation_blocks(
-    observations: Sequence[Observation], influence: NDArray[np.bool_], *, free_states: bool = True
+    observations: Sequence[Observation], influence: NDArray[np.bool_]
 ) -> list[ObservationBlock]:
     """Put observations into blocks.
 
     `influence` (n_observations, n_parameters) bool, which observation can depend on which
     parameter.
     """
-    initial_states = [
-        InitialStateDeviations.of(observation, free_states) for observation in observations
-    ]
+    initial_states = [InitialStateDeviations.of(observation) for observation in observations]
     noises = track_noises(observations)
     materials = observation_materials(observations)
     points = [
-        _ObservedPoints.of(observation, noise, materials, free_states)
+        _ObservedPoints.of(observation, noise, materials)
         for observation, noise in zip(observations, noises, strict=True)
     ]
     groups: dict[tuple[int, int, int, int], list[int]] = {}
@@ -237,15 +234,15 @@ class _ObservedPoints:
 
     @staticmethod
     def of(
-        observation: Observation, noises: Sequence[TrackNoise], materials: Sequence[str], free: bool
+        observation: Observation, noises: Sequence[TrackNoise], materials: Sequence[str]
     ) -> _ObservedPoints:
-        """Put together the points of all objects; `free` is whether shared errors are unknowns."""
+        """Put together the points of all objects."""
         times = [times_after_start(observation, track) for track in observation.objects]
         counted = [each >= 0.0 for each in times]
         owners = np.repeat(np.arange(len(times)), [int(mask.sum()) for mask in counted])
         shared, index = [], []
         for j, (track, noise) in enumerate(zip(observation.objects, noises, strict=True)):
-            for axis in np.flatnonzero(noise.shared.any(axis=1)) if free else ():
+            for axis in np.flatnonzero(noise.shared.any(axis=1)):
                 shared.append((owners == j)[:, None] * noise.shared[axis])
                 index.append(3 * materials.index(track.object.material) + int(axis))
         return _ObservedPoints(

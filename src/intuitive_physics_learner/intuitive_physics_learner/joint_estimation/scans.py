@@ -25,11 +25,8 @@ from intuitive_physics.prior_knowledge.spin_evidence import UnknownSpin
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.fit_horizons import RETREAT, TrajectoryFits
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
-from intuitive_physics_learner.joint_estimation.normal_equations import (
-    NormalEquations,
-    huber_weights,
-)
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
+from intuitive_physics_learner.joint_estimation.state_steps import StateSteps
 from intuitive_physics_learner.joint_estimation.trajectory_model import Estimate, TrajectoryModel
 from intuitive_physics_learner.search.search_space import SearchSpace
 
@@ -88,25 +85,10 @@ def scanned_states(
     present states stay where that step explains less. Returns `estimates` (c, W, d) deviations from
     the observed initial states, in SI units; `losses` (c, W).
     """
-    estimate, until = fits.estimate, fits.horizons
-    count, d = estimate.shape
-    tried = np.broadcast_to(estimate, (len(index), count, d))
+    until = fits.horizons
+    tried = np.broadcast_to(fits.estimate, (len(index), *fits.estimate.shape))
     residuals = residuals_at(cost, block, tried, candidates, index, until)
-    at_estimate = replace(linear, slopes=linear.slopes[:, :d])
-    inner = NormalEquations.of(block, estimate, at_estimate, until).hessian
-    slopes = np.einsum("wpij,wkpj->wkpi", block.whitening, at_estimate.slopes)
-    slopes = slopes.reshape(count, d, 3 * block.times.shape[1])
-    # The slopes, and so the inner matrix, are taken to be the same at all levels.
-    gains = np.linalg.solve(inner, slopes)
-    shrinking = np.linalg.solve(inner, (estimate * block.prior_deviations**-2)[..., None])[..., 0]
-    counted = linear.valid & (block.times <= until[:, None])
-    estimates = np.empty(tried.shape)
-    for k, left in enumerate(residuals):
-        reached = counted & np.isfinite(left).all(axis=2)
-        left = block.whitened(np.where(reached[..., None], left, 0.0))
-        weights = huber_weights(np.linalg.norm(left, axis=2))
-        target = (left * weights[..., None]).reshape(count, -1, 1)
-        estimates[k] = estimate - (gains @ target)[..., 0] - shrinking
+    estimates = StateSteps.of(block, fits, linear).stepped(tried, residuals)
     left = residuals_at(cost, block, estimates, candidates, index, until)
     losses = fits.losses(block, estimates, left)
     if present_too:

@@ -42,14 +42,15 @@ def test_initial_states_suit_a_parameter_wherever_they_begin(fit, e):
     # Residuals are linear in s, so one step is exact from anywhere, whatever e³ does.
     model, estimate = fit.model, fit.estimate
     ((block, part),) = model.parts(estimate)
-    (linear,) = model.linearised(estimate)
+    (linear,) = linearised = model.linearised(estimate)
+    (equations,) = model.equations(estimate, linearised)
     unit = estimate.unit.copy()
     unit[-1] = e
     begun = np.random.default_rng(0).normal(0.0, 0.1, (3, *part.estimate.shape))
     index = np.zeros((3, 1), dtype=np.int64)
     candidates = [model.space.to_parameters(unit)]
     residuals = residuals_at(model.cost, block, begun, candidates, index, part.horizons)
-    stepped = StateSteps.of(block, part, linear).stepped(begun, residuals)
+    stepped = StateSteps.of(block, part, linear, equations).stepped(begun, residuals)
     expected = np.broadcast_to(ridge_regression(fit, e), begun.shape)
     np.testing.assert_allclose(stepped, expected, atol=1e-9)
 

@@ -437,11 +437,16 @@ class JointFit:
             self.unit, self.prior, estimates, equations, self.weights, dampings
         )
         candidates = [model.space.to_parameters(unit) for unit in units]
-        index = self._trial_index(len(units))
+        # Each θ_s with the initial states that go with it, with the present ones, and late in a fit
+        # with those that another step leads to.
+        each = np.arange(len(units))
+        late = self.steps > STRAIGHT_STEPS
+        index = np.concatenate([each, each[1:], each if late else each[:0]])
         parts = list(model.parts(self.estimate))
 
         def tried_block(k: int) -> _Tried:
-            return self._tried(*parts[k], linear[k], states[k], candidates)
+            steps = StateSteps.of(*parts[k], linear[k], equations[k]) if late else None
+            return self._tried(*parts[k], states[k], candidates, steps)
 
         losses = self.prior.losses(units)
         tried = model.of_blocks(tried_block)
@@ -459,40 +464,32 @@ class JointFit:
         settled = moved.max() < SETTLED_MOVE and not advanced
         self._settled = self._settled + 1 if settled else 0
 
-    def _trial_index(self, count: int) -> NDArray[np.int64]:
-        """Return which of `count` θ_s each trial is of.
-
-        Each is tried with the initial states that go with it, with the present ones, which the
-        first has already, and late in a fit with those that another step leads to.
-        """
-        each = np.arange(count)
-        again = each if self.steps > STRAIGHT_STEPS else each[:0]
-        return np.concatenate([each, each[1:], again])
-
     def _tried(
         self,
         block: ObservationBlock,
         part: TrajectoryFits,
-        linear: Linearisation,
         states: NDArray[np.float64],
         candidates: list[StaticParameters],
+        steps: StateSteps | None,
     ) -> _Tried:
-        """Simulate a block in all trials; `states` (c, W, d) go with the `candidates`."""
-        count = len(candidates)
-        index = self._trial_index(count)[:, None]
+        """Simulate a block in all trials.
 
-        def residuals_of(trying: NDArray[np.float64], which: slice) -> NDArray[np.float64]:
-            until = part.horizons
-            return residuals_at(self.model.cost, block, trying, candidates, index[which], until)
+        `states` (c, W, d) go with the `candidates`; `steps` : of those that come after; None: none.
+        """
+        each = np.arange(len(candidates))
 
-        straight, again = slice(2 * count - 1), slice(2 * count - 1, None)
-        trying = np.concatenate([states, np.tile(part.estimate, (count - 1, 1, 1))])
-        residuals = residuals_of(trying, straight)
-        if index[again].size:
-            steps = StateSteps.of(block, part, linear)
-            others = steps.stepped(states, residuals[:count])
+        def residuals_of(
+            trying: NDArray[np.float64], index: NDArray[np.int64]
+        ) -> NDArray[np.float64]:
+            cost, until = self.model.cost, part.horizons
+            return residuals_at(cost, block, trying, candidates, index[:, None], until)
+
+        trying = np.concatenate([states, np.tile(part.estimate, (each.size - 1, 1, 1))])
+        residuals = residuals_of(trying, np.concatenate([each, each[1:]]))
+        if steps is not None:
+            others = steps.stepped(states, residuals[: each.size])
             trying = np.concatenate([trying, others])
-            residuals = np.concatenate([residuals, residuals_of(others, again)])
+            residuals = np.concatenate([residuals, residuals_of(others, each)])
         return trying, residuals, part.losses(block, trying, residuals)
 
     def _take_states(

@@ -25,6 +25,7 @@ from intuitive_physics.prior_knowledge.spin_evidence import UnknownSpin
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.fit_horizons import RETREAT, TrajectoryFits
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
+from intuitive_physics_learner.joint_estimation.normal_equations import NormalEquations
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
 from intuitive_physics_learner.joint_estimation.state_steps import StateSteps
 from intuitive_physics_learner.joint_estimation.trajectory_model import Estimate, TrajectoryModel
@@ -85,10 +86,12 @@ def scanned_states(
     present states stay where that step explains less. Returns `estimates` (c, W, d) deviations from
     the observed initial states, in SI units; `losses` (c, W).
     """
-    until = fits.horizons
-    tried = np.broadcast_to(fits.estimate, (len(index), *fits.estimate.shape))
+    estimate, until = fits.estimate, fits.horizons
+    tried = np.broadcast_to(estimate, (len(index), *estimate.shape))
     residuals = residuals_at(cost, block, tried, candidates, index, until)
-    estimates = StateSteps.of(block, fits, linear).stepped(tried, residuals)
+    of_states = replace(linear, slopes=linear.slopes[:, : estimate.shape[1]])
+    equations = NormalEquations.of(block, estimate, of_states, until)
+    estimates = StateSteps.of(block, fits, linear, equations).stepped(tried, residuals)
     left = residuals_at(cost, block, estimates, candidates, index, until)
     losses = fits.losses(block, estimates, left)
     if present_too:

@@ -11,7 +11,7 @@ correct steps to the second order for the same reason.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,12 +45,19 @@ class StateSteps:
     shrinking: NDArray[np.float64]
 
     @staticmethod
-    def of(block: ObservationBlock, fits: TrajectoryFits, linear: Linearisation) -> StateSteps:
-        """Set them up with the points up to the fit horizons."""
+    def of(
+        block: ObservationBlock,
+        fits: TrajectoryFits,
+        linear: Linearisation,
+        equations: NormalEquations,
+    ) -> StateSteps:
+        """Set them up with the points up to the fit horizons.
+
+        `equations` of these points at the estimate; their parameters do not matter.
+        """
         count, d = fits.estimate.shape
-        at_estimate = replace(linear, slopes=linear.slopes[:, :d])
-        inner = NormalEquations.of(block, fits.estimate, at_estimate, fits.horizons).hessian
-        slopes = np.einsum("wpij,wkpj->wkpi", block.whitening, at_estimate.slopes)
+        inner = equations.hessian[:, :d, :d]
+        slopes = np.einsum("wpij,wkpj->wkpi", block.whitening, linear.slopes[:, :d])
         slopes = slopes.reshape(count, d, 3 * block.times.shape[1])
         prior = np.eye(d) * block.prior_deviations[:, None, :] ** -2
         gains = np.linalg.solve(inner, slopes)

@@ -157,15 +157,14 @@ class CostDescent:
 
         Slopes are in m per width.
         """
-        n = self._space.size
         below = np.maximum(self.unit - self._width, 0.0)
         above = np.minimum(self.unit + self._width, 1.0)
-        moved = np.tile(self.unit, (2 * n, 1))
-        moved[np.arange(2 * n), np.tile(np.arange(n), 2)] = np.concatenate([below, above])
-        candidates = [self._space.to_parameters(unit) for unit in (self.unit, *moved)]
+        levels = np.column_stack([below, above])
+        moved, places = scan_candidates(self.unit, self._groups, self._space, levels)
+        candidates = [self._space.to_parameters(self.unit), *moved]
         columns = [np.flatnonzero(row) for row in self._influence]
         for members in chunks(np.arange(len(columns)), LARGEST_BLOCK):
-            index = [np.concatenate([[0], 1 + columns[i], 1 + n + columns[i]]) for i in members]
+            index = [np.append(0, 1 + places[columns[i]].T) for i in members]
             sizes = [each.size for each in index]
             trials = Trials(candidates, np.concatenate(index), np.repeat(members, sizes))
             self.simulations += trials.size

@@ -76,7 +76,7 @@ class FrameResult:
     Parameters
     ----------
     time : s, of the objects' states: that of the frame, or of the latest detection in it where
-        readings have times of their own
+        readings have times of their own, or of what another sensor has shown later still
     model : the environment; None while it is not known
     is_new_model : whether this frame completed it, or revised it
     revised : one sentence when parts of the environment have come or gone; else empty

@@ -32,11 +32,13 @@ from intuitive_physics_perception.frame_result import (
     StageTimer,
 )
 from intuitive_physics_perception.further_camera import FurtherCamera
+from intuitive_physics_perception.input.frame_order import Timeline
+from intuitive_physics_perception.input.reading_times import reading_span
 from intuitive_physics_perception.scene import ModelledScene, begun
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import (
     Episode,
-    newest_detection,
+    detection_at,
     observations_from,
 )
 from intuitive_physics_perception.tracking.track import Track
@@ -96,8 +98,7 @@ class PerceptionPipeline:
         if background is not None:
             self._budget = FrameBudget(1e-3 * settings.hypothesis_budget, clock)
         self._next_track = 1
-        self._last_time = -np.inf
-        self._last_camera = ""
+        self._timeline = Timeline()
         self._further: dict[str, FurtherCamera] = {}
         self._first_frames: list[NDArray[np.float32]] = []
         self._first_pose: RigidTransform | None = None
@@ -142,35 +143,29 @@ class PerceptionPipeline:
         Parameters
         ----------
         points : (height, width, 3) float32 m in the sensor's frame, NaN where nothing was read
-        time : s. An earlier time than that of the last frame restarts tracking
+        time : s. An earlier time than that of the camera's last frame restarts tracking, as does a
+            frame that ends before others began
         colors : (height, width, 3) red, green and blue of the points, where they are known
         pose : of the sensor at this time, in a frame that stands still; None: the sensor does
         camera : name of a further camera, empty for the first; their frames come in the order of
             their times, and all poses are in one frame
-        offsets : (height, width) s, time of each reading after `time`, where they differ; objects
-            are followed at the times of their own readings
+        offsets : (height, width) s, time of each reading after `time`, or before it where it is
+            negative, where they differ; objects are followed at the times of their own readings
         """
+        stamp, (first, last) = time, reading_span(points, offsets)
         if offsets is not None:
-            if offsets.shape != points.shape[:2]:
-                raise InvalidInputError(
-                    f"times of readings are {offsets.shape} and points {points.shape}; expected "
-                    "one for each point"
-                )
-            begin = float(np.min(offsets, initial=np.inf, where=np.isfinite(points[..., 2])))
-            if np.isfinite(begin):
-                time, offsets = time + begin, offsets - np.float32(begin)
+            time, offsets = stamp + first, offsets - np.float32(first)
         if colors is not None and colors.shape != points.shape:
             raise InvalidInputError(
                 f"colours are {colors.shape} and points {points.shape}; expected the same shape"
             )
         if not np.isfinite(time):
             raise InvalidInputError(f"time of the frame is {time}; expected a finite number")
-        if time == self._last_time and camera == self._last_camera:
+        if self._timeline.has(camera, stamp):
             return self._unused(time, "two frames have the same time; expected increasing times")
         self._budget.begin_frame()
-        restarted = time < self._last_time
+        restarted = self._timeline.goes_back(camera, stamp, first, last)
         episodes = self._restarted() if restarted else ()
-        self._last_time, self._last_camera = time, camera
         if not np.isfinite(points[..., 2]).any():
             problem = "the frame has no reading at all; expected points: is the sensor covered?"
             result = self._unused(time, problem)
@@ -365,9 +360,10 @@ class PerceptionPipeline:
                     list(zip(objects_seen, detections, strict=True)), points, colors, time
                 )
             eye.look_back(budget)
-            objects = tuple(self._perceived(track, scene, time) for track in scene.tracker.tracks)
+            objects = tuple(self._perceived(track, scene) for track in scene.tracker.tracks)
         with timer.stage("episodes"):
-            episodes = scene.episodes.update(time, scene.tracker.tracks, ended)
+            now = max(time, self._timeline.newest_begin)
+            episodes = scene.episodes.update(now, scene.tracker.tracks, ended)
             up = scene.up_of_flights(episodes)
             if up is not None:
                 return self._turn_gravity(scene, up, time)
@@ -380,8 +376,9 @@ class PerceptionPipeline:
                 # Only what it sees was revised.
                 scene.track_in_environment()
                 revised = ""
+        latest = time + max((detection.delay for detection in detections), default=0.0)
         return FrameResult(
-            time + max((detection.delay for detection in detections), default=0.0),
+            scene.tracker.newest(latest),
             scene.model,
             is_new_model=bool(revised),
             revised=revised,
@@ -395,12 +392,12 @@ class PerceptionPipeline:
             ),
         )
 
-    def _perceived(self, track: Track, scene: ModelledScene, since: float) -> PerceivedObject:
+    def _perceived(self, track: Track, scene: ModelledScene) -> PerceivedObject:
         return PerceivedObject(
             track.scene_object(self.settings),
             track.object_state(scene.model.environment, self.settings),
             track.color,
-            newest_detection(track, since),
+            detection_at(track, scene.tracker.seen_at(track)),
         )
 
     def _turn_gravity(

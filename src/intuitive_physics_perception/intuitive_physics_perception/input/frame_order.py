@@ -1,4 +1,5 @@
-"""Frames of several cameras in the order of their stamps, whenever they arrive."""
+"""Frames of several cameras in the order of their stamps, whenever they arrive, and whether time
+goes back."""
 
 from __future__ import annotations
 
@@ -23,6 +24,39 @@ INTERVALS = 5
 
 SOONEST = 0.7
 """Part of that interval after which the next frame may come. Set by hand: stamps jitter."""
+
+
+class Timeline:
+    """Notices that time goes back, by the times of the frames of all sensors.
+
+    The stamps of each sensor increase. Frames of several come in any order that their readings
+    explain: one that lasts, as a LiDAR's scan does, may have begun before others that have come
+    already, but none ends before another one that has come began.
+
+    `newest_begin`: s, the latest time at which a frame that has come began.
+    """
+
+    def __init__(self) -> None:
+        self._stamps: dict[str, float] = {}
+        self.newest_begin = -np.inf
+
+    def has(self, sensor: str, stamp: float) -> bool:
+        """Return whether the newest frame of a sensor has this stamp, s."""
+        return self._stamps.get(sensor) == stamp
+
+    def goes_back(self, sensor: str, stamp: float, first: float, last: float) -> bool:
+        """Take the next frame; return whether time has gone back before it.
+
+        `stamp` in s; `first` and `last`: of its readings, s after the stamp.
+        """
+        # The stamp is a time of the frame even where its first or last rays met nothing.
+        begin, end = stamp + min(first, 0.0), stamp + max(last, 0.0)
+        back = stamp < self._stamps.get(sensor, -np.inf) or end < self.newest_begin
+        if back:
+            self._stamps, self.newest_begin = {}, -np.inf
+        self._stamps[sensor] = stamp
+        self.newest_begin = max(self.newest_begin, begin)
+        return back
 
 
 class FrameOrder(Generic[Frame]):

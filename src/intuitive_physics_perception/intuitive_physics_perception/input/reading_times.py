@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.frames.change_of_frame import RigidTransform
 
 TIME_FIELDS = ("t", "time", "timestamp", "offset_time")
@@ -73,6 +74,30 @@ def times_of_rows(height: int, width: int, row_time: float) -> NDArray[np.float3
     """
     rows = np.arange(height, dtype=np.float32) * np.float32(row_time)
     return np.broadcast_to((rows - min(rows[-1], 0.0))[:, None], (height, width))
+
+
+def reading_span(
+    points: NDArray[np.float32], offsets: NDArray[np.float32] | None
+) -> tuple[float, float]:
+    """Return the times of a frame's first and last readings after its stamp, s; zeros without any.
+
+    `points` (height, width, 3) m, NaN where nothing was read; `offsets` (height, width) s, time of
+    each reading after the stamp; None: all are of the stamp's.
+
+    Raises
+    ------
+    InvalidInputError
+        When these do not fit together.
+    """
+    if offsets is None:
+        return 0.0, 0.0
+    if offsets.shape != points.shape[:2]:
+        raise InvalidInputError(
+            f"times of readings are {offsets.shape} and points {points.shape}; expected one for "
+            "each point"
+        )
+    read = offsets[np.isfinite(points[..., 2])]
+    return (float(read.min()), float(read.max())) if read.size else (0.0, 0.0)
 
 
 def as_of_start(

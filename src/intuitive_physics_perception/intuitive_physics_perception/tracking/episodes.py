@@ -163,16 +163,16 @@ def record_of(track: Track, settings: PerceptionSettings) -> Record:
     )
 
 
-def newest_detection(track: Track, since: float) -> Detections | None:
-    """Return the newest detection of a track, given the radius its average found.
+def detection_at(track: Track, time: float | None) -> Detections | None:
+    """Return the detection of a track at a time, given the radius its average found.
 
     The centre of a sphere is moved as `record_of` does, with the gain of this frame alone. Its spin
     is that which the surface shows in this and earlier frames.
 
-    Returns one detection in the environment's frame; None where the object was not seen since a
-    time, `since` in s.
+    Returns one detection in the environment's frame; None where the object was not seen then.
+    `time` in s; None: it was not seen.
     """
-    step = track.seen_since(since)
+    step = None if time is None else track.step_at(time)
     if step is None or step.detection is None:
         return None
     detection = step.detection

@@ -46,6 +46,7 @@ from intuitive_physics_perception.tracking.motion import (
     corrected,
     downward,
     predicted,
+    white_acceleration,
 )
 from intuitive_physics_perception.tracking.motion_fits import SeenPath
 from intuitive_physics_perception.tracking.size_classes import SizeClass
@@ -63,6 +64,9 @@ RESTING_ANGULAR_VELOCITY_DEVIATION = 0.2
 
 HEIGHT_DEVIATION = 0.01
 """Standard deviation of the height of a solid's centre above its lowest point, m."""
+
+INSTANT = 1e-6
+"""Time, s, between two steps of a track that are of one time: numerical."""
 
 MAX_STEPS = 4000
 """Newest frames of a track that are kept: bounds its memory. At 90 Hz they last 44 s."""
@@ -203,6 +207,15 @@ class Track:
         newest = takewhile(lambda s: s.time >= self.time - duration, reversed(self.steps))
         return list(newest)[::-1]
 
+    def after(self, time: float) -> list[FilterStep]:
+        """Steps later than a time (s), oldest first."""
+        return list(takewhile(lambda step: step.time > time, reversed(self.steps)))[::-1]
+
+    def step_at(self, time: float) -> FilterStep | None:
+        """Step of a time (s), None where there is none."""
+        steps = takewhile(lambda step: step.time >= time, reversed(self.steps))
+        return next((step for step in steps if step.time == time), None)
+
     def seen_since(self, time: float) -> FilterStep | None:
         """Newest step with a detection, none before a time (s); None where there is none."""
         steps = takewhile(lambda step: step.time >= time, reversed(self.steps))
@@ -317,6 +330,58 @@ class TrackFilter:
         track.time = time
         if track.surface is not None and track.prediction.contact:
             track.surface.forget()
+
+    def at_earlier(self, track: Track, time: float) -> Track | None:
+        """Return a track as it was at an earlier time, in s, without what was seen of it since.
+
+        None where what it is now does not follow from what it was: since then it has begun, has
+        turned out to be of another kind, or has left its rest.
+        """
+        since = track.after(time)
+        # A rest predicts no velocity from that before, another kind nothing at all.
+        carried = POSITION if track.resting else VELOCITY
+        follows = all(step.prediction.transition[carried, carried].any() for step in since)
+        if not follows or len(since) == len(track.steps):
+            return None
+        steps = track.steps.copy()
+        for _ in since:
+            steps.pop()
+        step = steps[-1]
+        last_seen = next((s.time for s in reversed(steps) if s.detection is not None), step.time)
+        seen = [last_seen, *(s.time for s in since if s.detection is not None)]
+        earlier = replace(
+            track,
+            time=step.time,
+            mean=step.mean,
+            covariance=step.covariance,
+            prediction=step.prediction,
+            attitude=step.attitude,
+            last_seen=last_seen,
+            seen_time=track.seen_time - float(np.minimum(np.diff(seen), FRAME_TIME).sum()),
+            steps=steps,
+            # Its contacts have been noticed already.
+            surface=None,
+        )
+        self.predict(earlier, max(time, step.time + INSTANT))
+        return earlier
+
+    def moved_back(self, track: Track, time: float) -> Track:
+        """Return a track where it must have been at an earlier time, in s, if it moved straight."""
+        duration = time - track.time
+        back = np.eye(SIZE)
+        back[POSITION, VELOCITY] = duration * np.eye(3)
+        covariance = back @ track.covariance @ back.T
+        noise = white_acceleration(duration, self._settings.acceleration_noise)
+        covariance[:6, :6] += np.kron(noise, np.eye(3))
+        return replace(track, time=time, mean=back @ track.mean, covariance=covariance)
+
+    def go_on(self, track: Track, seen: Iterable[tuple[float, Detection | None]]) -> None:
+        """Carry a track on over times (s), in each of which it was detected or not."""
+        for time, detection in seen:
+            self.predict(track, max(time, track.steps[-1].time + INSTANT))
+            if detection is not None:
+                self.correct(track, detection)
+            track.close_step(detection)
 
     def _predict_attitude(self, track: Track, attitude: Attitude, duration: float) -> None:
         """Turn a solid on, and take the height of its centre above its lowest point from that."""

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.scene import Environment, SceneObject
 from intuitive_physics_perception.detection.detections import (
-    DetectedSphere,
     Detection,
     frame_covariance,
     given_radius,
@@ -41,6 +40,7 @@ from intuitive_physics_perception.tracking.motion_fits import HAND_ACCELERATION,
 from intuitive_physics_perception.tracking.size_classes import SizeClasses
 from intuitive_physics_perception.tracking.supports import surfaces_of
 from intuitive_physics_perception.tracking.track import (
+    INSTANT,
     Track,
     TrackFilter,
     detections_of,
@@ -63,9 +63,6 @@ standard deviations off."""
 TENTATIVE_TIME = 0.08
 """A track that is not confirmed and unseen for longer is closed, s: at 30 Hz one frame may miss
 it."""
-
-INSTANT = 1e-6
-"""Time, s, between two steps of a track that are of one time: numerical."""
 
 FLIGHT_GAP = 0.01
 """Gap to every surface from which on an object is in free flight, m."""
@@ -133,8 +130,8 @@ class Tracker:
         self._environment = environment
         self._filter = TrackFilter(environment, settings)
         self._tracks: list[Track] = []
-        # Of the last frame, by the identity of the detection that each took.
-        self._taken: dict[int, Track] = {}
+        # Of the last frame, by the identity of the detection that each took, and when that was.
+        self._taken: dict[int, tuple[Track, float]] = {}
         self._prior = 0.0
         ratio = settings.material_radius_ratio
         self._sizes = SizeClasses(ratio) if ratio > 1.0 else None
@@ -231,10 +228,12 @@ class Tracker:
     ) -> list[Track]:
         """Take what a frame shows, in the environment's frame; return tracks that ended.
 
-        What was read later than at the frame's time is taken at its own, after all else.
+        What was read later than at the frame's time is taken at its own, after all else. What was
+        read earlier than a track was seen already, as a LiDAR does whose scan has lasted while
+        frames of a camera came, is taken as if it had come then.
 
-        `time` in s, not earlier than that of the frame before; `camera`: name of the one whose
-        frame it is; `others`: what else is new in the frame.
+        `time` in s; `camera`: name of the one whose frame it is; `others`: what else is new in the
+        frame.
         """
         likely = sum(evidence_of_outline(detection) > 0.0 for detection in detections)
         self._prior = evidence_of_company(likely, others)
@@ -247,6 +246,7 @@ class Tracker:
                 [detection for detection in detections if detection.delay == delay],
                 camera,
             )
+        self._carry_to_newest()
         for track in self._tracks:
             if track.camera == camera:
                 track.missed = track.last_seen < time
@@ -257,27 +257,21 @@ class Tracker:
         """Take what was seen at one time, s."""
         self._carry_on(time)
         for track in self._tracks:
-            if track.time == track.steps[-1].time:
+            if track.time == track.steps[-1].time and not is_after(track.time, time):
                 # A step follows each, and their times increase.
                 self._filter.predict(track, track.time + INSTANT)
-        matches = self._matches(time, detections)
-        for track in self._tracks:
-            detection = None
-            if track.number in matches:
-                n, detection = matches[track.number]
-                self._taken[id(detections[n])] = track
-                unseen = track.time - track.last_seen
-                if kind_of(detection) == track.kind:
-                    self._filter.correct(track, detection)
-                else:
-                    self._filter.change_kind(track, detection)
-                fading = unseen / COLOR_TIME
-                track.take_color(detection.color, -float(np.expm1(-fading)))
-                settle(track, self._settings, detection)
-                self._classify(track)
-                track.camera = camera
-            track.close_step(detection)
-            self._follow_rest(track)
+        then = [self._at(track, time) for track in self._tracks] if detections else self._tracks
+        matches = self._matches(then, detections)
+        for k, (track, at_time) in enumerate(zip(self._tracks, then, strict=True)):
+            n, detection = matches.get(track.number, (-1, None))
+            seen_at = at_time.time
+            if not is_after(track.time, time):
+                self._see(track, detection, camera)
+                self._follow_rest(track)
+            elif detection is not None:
+                track = self._tracks[k] = self._with_earlier(track, at_time, detection, camera)
+            if detection is not None:
+                self._taken[id(detections[n])] = track, seen_at
         taken = {n for n, _ in matches.values()}
         self._tracks += [
             self._new_track(time, detection, camera)
@@ -288,10 +282,69 @@ class Tracker:
             )
         ]
 
+    def _see(self, track: Track, detection: Detection | None, camera: str) -> None:
+        """Take what a camera's frame shows of a track at its time, None for nothing."""
+        if detection is not None:
+            unseen = track.time - track.last_seen
+            if kind_of(detection) == track.kind:
+                self._filter.correct(track, detection)
+            else:
+                self._filter.change_kind(track, detection)
+            fading = unseen / COLOR_TIME
+            track.take_color(detection.color, -float(np.expm1(-fading)))
+            settle(track, self._settings, detection)
+            self._classify(track)
+            track.camera = camera
+        track.close_step(detection)
+
+    def _at(self, track: Track, time: float) -> Track:
+        """A track at a time, s, which may be before it was seen last."""
+        if not is_after(track.time, time):
+            return track
+        return self._filter.at_earlier(track, time) or self._filter.moved_back(track, time)
+
+    def _with_earlier(
+        self, track: Track, earlier: Track, detection: Detection, camera: str
+    ) -> Track:
+        """Return a track as if what was seen of it `earlier`, as it was then, had come in its turn.
+
+        Where it does not follow from that, or would have been of another kind, it stays as it is.
+        """
+        before = earlier.steps[-1].time
+        if before > earlier.time or kind_of(detection) != track.kind:
+            return track
+        since = track.after(before)
+        self._see(earlier, detection, camera)
+        self._filter.go_on(earlier, [(step.time, step.detection) for step in since])
+        if earlier.covariance[RADIUS, RADIUS] > KNOWN_RADIUS_DEVIATION**2:
+            # It was recognised since then.
+            take_radius(earlier)
+        earlier.surface = track.surface
+        self._follow_rest(earlier)
+        return earlier
+
+    def _carry_to_newest(self) -> None:
+        """Carry what began or was seen in the past on to the time of all others."""
+        for track in self._tracks:
+            newest = self.newest(track.time)
+            if newest > track.time:
+                self._filter.go_on(track, [(newest, None)])
+
+    def newest(self, time: float) -> float:
+        """Return the time, s, of all that is followed once a frame has shown it up to a time: that
+        of another frame where it is later."""
+        newest = max((track.time for track in self._tracks), default=time)
+        return newest if is_after(newest, time) else time
+
+    def seen_at(self, track: Track) -> float | None:
+        """Return the time, s, at which the last frame showed a track; None where it did not."""
+        times = (time for taken, time in self._taken.values() if taken.number == track.number)
+        return max(times, default=None)
+
     def objects_among(self, detections: Sequence[Detection]) -> list[int]:
         """Return which detections of the last frame are of objects: those of tracks that are, and
         those that are on their own more likely objects than not."""
-        taken = {key for key, track in self._taken.items() if track.confirmed}
+        taken = {key for key, (track, _) in self._taken.items() if track.confirmed}
         return [
             k
             for k, detection in enumerate(detections)
@@ -309,11 +362,7 @@ class Tracker:
             fresh.close_step(detections[0][1])
             by_time = dict(detections)
             times = sorted({*by_time, *(step.time for step in track.steps)})
-            for time in times[1:]:
-                self._filter.predict(fresh, time)
-                if time in by_time:
-                    self._filter.correct(fresh, by_time[time])
-                fresh.close_step(by_time.get(time))
+            self._filter.go_on(fresh, [(time, by_time.get(time)) for time in times[1:]])
             settle(fresh, self._settings)
             track.mean, track.covariance = fresh.mean, fresh.covariance
             track.prediction, track.steps = fresh.prediction, fresh.steps
@@ -322,20 +371,19 @@ class Tracker:
         track.earlier = None
 
     def _matches(
-        self, time: float, detections: Sequence[Detection]
+        self, tracks: Sequence[Track], detections: Sequence[Detection]
     ) -> dict[int, tuple[int, Detection]]:
-        """Pair numbers of tracks with detections of a time, by their index and as what they show of
-        the track: by what is likely, then by what a hit or a hand could explain. Colour has a say
-        in what is likely, never in what is possible."""
-        likely = np.full((len(self._tracks), len(detections)), np.inf)
+        """Pair numbers of tracks with detections of their time, by their index and as what they
+        show of the track: by what is likely, then by what a hit or a hand could explain. Colour has
+        a say in what is likely, never in what is possible."""
+        likely = np.full((len(tracks), len(detections)), np.inf)
         possible = likely.copy()
         parts: dict[tuple[int, int], Detection] = {}
-        for k, track in enumerate(self._tracks):
+        for k, track in enumerate(tracks):
             for n, seen in enumerate(detections):
                 detection = as_part_of(track, seen)
                 if detection is None:
                     continue
-                detection = brought_to(track, time, detection)
                 parts[k, n] = detection
                 innovation, spread = innovation_of(track, detection)
                 unlike = color_cost(track.color, detection.color)
@@ -353,14 +401,14 @@ class Tracker:
         for k, n in pairs:
             possible[k, :] = possible[:, n] = np.inf
         pairs += cheapest_pairs(possible)
-        return {self._tracks[k].number: (n, parts[k, n]) for k, n in pairs}
+        return {tracks[k].number: (n, parts[k, n]) for k, n in pairs}
 
     def _reach(self, track: Track, spread: NDArray[np.float64]) -> float:
         """Largest distance, m, of a track from where it is expected: what is no object yet and is
         seen farther off than it is large is something else."""
         if not track.confirmed:
             return float(track.mean[RADIUS])
-        duration = track.time - track.last_seen
+        duration = abs(track.time - track.last_seen)
         spread_of_place = 3.0 * float(np.sqrt(np.trace(spread[:3, :3])))
         return self._settings.max_speed * duration + spread_of_place
 
@@ -415,7 +463,7 @@ class Tracker:
         settle(track, self._settings, detection)
         self._classify(track)
         track.close_step(detection)
-        self._taken[id(detection)] = track
+        self._taken[id(detection)] = track, time
         self.next_number += 1
         return track
 
@@ -426,23 +474,9 @@ class Tracker:
             track.size = self._sizes.class_of(float(track.mean[RADIUS]), deviation, track.size)
 
 
-def brought_to(track: Track, time: float, detection: Detection) -> Detection:
-    """Return a detection of a time (s) as it would be at that of a track, which may be later.
-
-    A LiDAR shows an object late in its scan, and a camera meanwhile: between the two it moves
-    straight.
-    """
-    lag = track.time - time
-    if lag <= INSTANT:
-        return detection
-    center = detection.center + lag * track.mean[VELOCITY]
-    spread = lag**2 * track.covariance[VELOCITY, VELOCITY]
-    if not isinstance(detection, DetectedSphere):
-        position_covariance = detection.position_covariance + spread
-        return replace(detection, center=center, position_covariance=position_covariance)
-    covariance = detection.covariance.copy()
-    covariance[:3, :3] += spread
-    return replace(detection, center=center, covariance=covariance)
+def is_after(later: float, time: float) -> bool:
+    """Return whether a time (s) is after another by more than steps of one time are apart."""
+    return later - time > 2.0 * INSTANT
 
 
 def cheapest_pairs(costs: NDArray[np.float64]) -> list[tuple[int, int]]:
@@ -513,12 +547,19 @@ def _recognise(track: Track, settings: PerceptionSettings) -> None:
     if abs(known_object.radius - track.mean[RADIUS]) > tolerance:
         return
     track.known_object = known_object
+    take_radius(track)
+
+
+def take_radius(track: Track) -> None:
+    """Give a track the radius of the known object that it is, if it is one."""
+    if track.known_object is None:
+        return
     track.mean, track.covariance, track.systematic = given_radius(
         track.mean,
         track.covariance,
         track.systematic,
         PLACED,
-        known_object.radius,
+        track.known_object.radius,
         KNOWN_RADIUS_DEVIATION,
     )
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
 
-from intuitive_physics_perception.input.frame_order import FrameOrder
+from intuitive_physics_perception.input.frame_order import FrameOrder, Timeline
 
 WINDOW = 0.1
 
@@ -66,3 +68,40 @@ def test_one_camera_passes_at_once_and_time_may_go_back() -> None:
     assert order.put("a", 1.0, 1) == [1]
     assert order.put("b", 1.01, 2) + order.flush() == [2]
     assert order.late == 0
+
+
+FRAMES = st.lists(
+    st.tuples(st.sampled_from("abc"), st.floats(0.001, 0.1), st.floats(-0.1, 0.1), st.floats(0, 1)),
+    min_size=1,
+    max_size=40,
+)
+"""Sensor, time since the frame before, and when in relation to the stamp readings begin and for how
+long they last, s."""
+
+
+@given(FRAMES)
+def test_frames_in_the_order_of_their_stamps_never_turn_time_back(frames) -> None:
+    """Whether stamps are those of first readings, of last ones, or of none of them; but what is
+    played again does."""
+    timeline, stamp = Timeline(), 0.0
+    for sensor, step, first, duration in frames:
+        stamp += step
+        assert not timeline.goes_back(sensor, stamp, first, first + duration)
+        assert timeline.has(sensor, stamp)
+    assert timeline.goes_back(frames[-1][0], 0.0, -0.1, 0.0)
+    assert not timeline.has("a", stamp)
+
+
+@given(st.floats(0.01, 0.2), st.floats(0.0, 0.5))
+def test_a_scan_may_come_as_late_as_it_lasts(duration, late) -> None:
+    """A scan that comes by its end is used; one that ended before the last frame began is of
+    another time. A camera's own frames increase."""
+    timeline = Timeline()
+    assert not timeline.goes_back("camera", 1.0, 0.0, 0.0)
+    end = 1.0 + duration - late
+    assert timeline.goes_back("lidar", end - duration, 0.0, duration) == (
+        end - duration < 1.0 > end
+    )
+    timeline = Timeline()
+    assert not timeline.goes_back("camera", 1.0, 0.0, duration)
+    assert timeline.goes_back("camera", 1.0 - 1e-3, 0.0, duration)

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics_perception.input.reading_times import (
     as_of_start,
+    reading_span,
     times_of_cloud,
     times_of_rows,
 )
@@ -96,3 +98,15 @@ def test_a_sensor_that_turns_and_drives_reads_what_stands_still(rng) -> None:
     bound = (rate * 0.01) ** 2 * 12.0 / 8.0
     assert np.abs(moved - truth).max() < bound + 1e-5
     assert np.abs(points - truth).max() > 0.3
+
+
+def test_a_frame_lasts_from_its_first_reading_to_its_last() -> None:
+    """Where nothing was read there is no time either."""
+    points = np.ones((2, 2, 3), np.float32)
+    points[0, 0] = np.nan
+    offsets = np.array([[-0.1, -0.05], [-0.02, 0.0]], np.float32)
+    assert reading_span(points, offsets) == pytest.approx((-0.05, 0.0))
+    assert reading_span(points * np.nan, offsets) == (0.0, 0.0)
+    assert reading_span(points, None) == (0.0, 0.0)
+    with pytest.raises(InvalidInputError, match="expected one for each point"):
+        reading_span(points, offsets[:1])

@@ -15,7 +15,7 @@ from intuitive_physics.scene import Environment, Plane
 from intuitive_physics.shapes import Capsule
 from intuitive_physics_perception.detection.detections import DetectedSolid, DetectedSphere
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
-from intuitive_physics_perception.tracking.episodes import newest_detection, record_of
+from intuitive_physics_perception.tracking.episodes import detection_at, record_of
 from intuitive_physics_perception.tracking.tracker import Tracker
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
@@ -276,18 +276,18 @@ def test_unknown_spheres_have_the_material_of_their_size(rng, bounce) -> None:
         assert alive[-1][0].scene_object(alike).material in ("ball", "rubber")
 
 
-def test_the_newest_detection_is_that_of_its_frame_given_the_averaged_radius(rng) -> None:
+def test_a_detection_is_that_of_its_frame_given_the_averaged_radius(rng) -> None:
     # Of a ball whose line of sight does not turn, `record_of` moves each centre in the same way.
     tracker = Tracker(FLOOR, SETTINGS)
     times = np.arange(10) / 30.0
     follow(tracker, rng, [np.tile([0.0, 0.0, 1.0], (10, 1))], times)
     (track,) = tracker.tracks
-    newest, record = newest_detection(track, track.time), record_of(track, SETTINGS)
+    newest, record = detection_at(track, track.time), record_of(track, SETTINGS)
     assert newest.times.tolist() == [times[-1]]
     np.testing.assert_allclose(newest.positions[0], record.positions[-1], atol=1e-12)
     np.testing.assert_allclose(newest.covariances[0], record.covariances[-1], atol=1e-15)
     tracker.update(times[-1] + 0.01, [])
-    assert newest_detection(track, track.time) is None
+    assert detection_at(track, track.time) is None
 
 
 def test_the_state_has_a_wide_spin_and_no_doubt_in_rotation(rng) -> None:

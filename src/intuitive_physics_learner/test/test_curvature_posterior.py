@@ -92,6 +92,18 @@ def test_moves_end_where_the_loss_of_least_squares_is_no_longer_plausible(glidin
     np.testing.assert_allclose(moves[:E], np.stack([unit, 1.0 - unit], axis=1))
 
 
+def test_the_loss_rises_as_least_squares_say_where_a_parameter_is_held(gliding_task):
+    # f(e) = e: ½ Λ δ² at a distance δ from the optimum, initial positions fitted along.
+    task = gliding_task([0.5, 0.5, 0.5], position_deviation=0.01)
+    fit = fit_of(task)
+    information = information_of(task, fit.model, fit.estimate.fits[0].horizons) + UNIFORM_PRECISION
+    before = fit.unit.copy()
+    for deviations in (-3.0, 0.5, 2.0):
+        place = before[E] + deviations * information**-0.5
+        assert fit.rise_at(E, place) == pytest.approx(0.5 * deviations**2, rel=1e-3)
+    np.testing.assert_array_equal(fit.unit, before)
+
+
 def test_what_may_be_moved_to_its_bounds_is_moved_all_the_way(gliding_task):
     fit = fit_of(gliding_task([0.5, 0.5], position_deviation=0.01))
     unit = fit.estimate.unit

@@ -26,6 +26,19 @@ def likelihood(generator, parameters, best, scale=100.0):
     )
 
 
+def test_one_that_is_held_leaves_the_others_as_given_it():
+    # p(u₀, u₂ | u₁): mean m + P_{·1} (u₁ - m₁) / P₁₁, precision of the others as it was.
+    generator = np.random.default_rng(1)
+    known = Gaussian.about(generator.random(3), random_precision(generator, 3))
+    held = known.held_at(1, 0.3, 1e12)
+    across = known.covariance[:, 1] / known.covariance[1, 1]
+    np.testing.assert_allclose(held.mean, known.mean + across * (0.3 - known.mean[1]), rtol=1e-6)
+    rest = np.ix_([0, 2], [0, 2])
+    np.testing.assert_allclose(
+        held.covariance[rest], np.linalg.inv(known.precision[rest]), rtol=1e-6
+    )
+
+
 def test_observations_add_up_to_the_product_of_their_likelihoods():
     generator = np.random.default_rng(0)
     centre = np.array([0.3, 0.5, 0.6])

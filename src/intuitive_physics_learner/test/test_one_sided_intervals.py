@@ -137,6 +137,18 @@ def test_joint_estimation_has_one_sided_intervals(event_driven, true_parameters)
     assert sided >= 1
 
 
+def test_where_no_ball_slips_is_reached_by_the_slopes_there(event_driven, true_parameters):
+    # As above. Slopes where balls slip do not lead their initial states to where none does: the
+    # loss seems to rise by more than 4.5, so that μ would be 0.356 ± 0.044.
+    generator = np.random.default_rng(7)
+    true = replace_pair(true_parameters, 0.6)
+    observed = [gentle_throw(event_driven, true, generator) for _ in range(16)]
+    learned = jointly_learned(observed, event_driven)
+    low, high = learned.intervals[PAIR]
+    assert 0.1 < low < 0.36
+    assert high == 1.0
+
+
 def test_joint_estimation_without_interval_of_two_sided_parameters(event_driven, throws):
     learned = jointly_learned(throws(8, 3, 0.003, 0.01), event_driven)
     assert learned.identified[PAIR : PAIR + 3].all()

@@ -13,6 +13,7 @@ from intuitive_physics_learner import ConvergenceCriteria
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings, order_of_fits
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
 from intuitive_physics_learner.joint_estimation.order_of_fits import (
+    CHANCE_EVIDENCE,
     DROP_STEPS,
     LEFT,
     STARTS,
@@ -81,6 +82,17 @@ def test_optima_that_the_observations_cannot_tell_apart_widen_the_deviation(glid
     assert units == pytest.approx([0.2, 0.8], abs=0.01)
     # Equal weights: ½ 0.6².
     assert spread[E] == pytest.approx(0.18, rel=0.1)
+
+
+@pytest.mark.parametrize("difference", [3.0, 30.0, 300.0])
+def test_what_evidence_differs_by_chance_does_not_count(gliding_task, monkeypatch, difference):
+    # w₂/w₁ = exp(-Δ / c), and with the distance d of two fits the spread is d² w₂ / (w₁ + w₂).
+    fits = run(gliding_task([0.6] * 3), np.array([[0.5] * 4, [0.7] * 4]), steps=1)
+    apart = fits.fits[1].unit - fits.fits[0].unit
+    evidences = np.array([0.0, -difference])
+    monkeypatch.setattr(order_of_fits, "compared_evidences", lambda *a, **k: evidences)
+    other = np.exp(-difference / CHANCE_EVIDENCE)
+    np.testing.assert_allclose(fits.choose(), apart**2 * other / (1.0 + other), rtol=1e-9)
 
 
 def test_fits_that_end_at_one_place_have_no_spread(gliding_task):

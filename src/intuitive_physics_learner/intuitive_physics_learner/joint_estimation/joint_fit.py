@@ -285,6 +285,27 @@ class JointFit:
         self.begin_at(unit, self.deviations, chosen)
         return True
 
+    def rise_at(self, parameter: int, place: float) -> float:
+        """Return by how much the loss rises where one parameter is held elsewhere.
+
+        All else is fitted to it, the other parameters included, by slopes there. Up to the present
+        horizons, with the present weights and the prior.
+
+        `parameter` : index among all n; `place` on the unit interval.
+        """
+        unit = self.unit.copy()
+        unit[parameter] = place
+        prior = self.prior.held_at(parameter, place, HELD_PRECISION)
+        task = replace(self.model.task, prior=prior)
+        fit = self._continued(task, unit, self.observation_fits(), self.model.spins)
+        self.model.simulations += fit.model.simulations
+        here, there = (
+            float(self.weights @ [each.loss for each in one.likelihoods()])
+            + float(self.prior.losses(one.unit[None])[0])
+            for one in (self, fit)
+        )
+        return there - here
+
     def _held(
         self, unit: NDArray[np.float64], fits: Sequence[ObservationFit]
     ) -> tuple[NDArray[np.float64], list[ObservationFit]]:
@@ -308,9 +329,23 @@ class JointFit:
         `unit` (n,) θ_s on the unit cube, which is held.
         """
         prior = Gaussian.about(unit, HELD_PRECISION * np.eye(unit.size))
-        fit = JointFit(replace(task, prior=prior), FIXED_HORIZONS, blocks)
+        return self._continued(replace(task, prior=prior), unit, fits, spins, blocks)
+
+    def _continued(
+        self,
+        task: FitTask,
+        unit: NDArray[np.float64],
+        fits: Sequence[ObservationFit],
+        spins: InitialSpins | None = None,
+        blocks: list[ObservationBlock] | None = None,
+    ) -> JointFit:
+        """Return a fit by the task's prior that begins there, up to fixed horizons.
+
+        `unit` (n,) θ_s on the unit cube.
+        """
+        fit = JointFit(task, FIXED_HORIZONS, blocks)
         fit.model.widen_spins(spins or InitialSpins())
-        fit.begin_at(unit, prior.deviations, fits)
+        fit.begin_at(unit, np.minimum(task.prior.deviations, self.deviations), fits)
         for _ in range(HELD_STEPS):
             fit.step()
         return fit

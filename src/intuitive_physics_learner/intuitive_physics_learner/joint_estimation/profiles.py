@@ -5,15 +5,21 @@ enough, or small enough, is known to one side only, and slopes hold one just whe
 the beginning of a slip. So the profile of the loss along each parameter is followed as far as it
 hardly rises. Where that is farther than slopes say, the deviation is that of its ends; where it is
 so to one side only, there is an interval.
+
+A profile has a plateau where motion no longer depends on the parameter: no ball slips at a larger
+friction either. The slopes at the estimate, where one does, do not lead initial states there.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRECISION
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.normal_equations import reduced_equations
 from intuitive_physics_learner.joint_estimation.scans import scanned
 from intuitive_physics_learner.search.gaussian import Gaussian
@@ -67,6 +73,11 @@ def curvature_posterior(fit: JointFit) -> Gaussian:
     return Gaussian.about(centre, information).marginal(np.arange(n))
 
 
+LARGEST_PLATEAU_RISE = 0.5
+"""Change of the loss between two places up to which motion is taken to be the same at both: noise
+of its minimisation; set by hand."""
+
+
 def plausible_moves(fit: JointFit, first: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how far each parameter can be moved without an implausible rise of the loss.
 
@@ -92,9 +103,7 @@ def plausible_moves(fit: JointFit, first: NDArray[np.float64]) -> NDArray[np.flo
         rises, _ = scanned(
             model, estimate, linear, unit[:, None] + away, fit.weights, going_on, present_too=True
         )
-        from_mean = (unit - fit.prior.mean)[:, None]
-        rises -= UNIFORM_PRECISION * (from_mean * away + 0.5 * away**2)
-        plausible = rises < LARGEST_MOVE_RISE
+        plausible = rises - _rises_of_bounds(fit, away) < LARGEST_MOVE_RISE
         inner = np.where(going_on[:, None] & plausible, moves, inner)
         outer = np.where(going_on[:, None] & ~plausible, moves, outer)
         asked &= (inner > 0.0).any(axis=1)
@@ -102,7 +111,62 @@ def plausible_moves(fit: JointFit, first: NDArray[np.float64]) -> NDArray[np.flo
         going_on = asked & ~((outer <= near) | (inner >= room)).all(axis=1)
         outwards = np.minimum(MOVE_GROWTH * moves, room)
         moves = np.where(np.isinf(outer), outwards, 0.5 * (inner + outer))
-    return np.where(asked[:, None], inner, 0.0)
+    inner = np.where(asked[:, None], inner, 0.0)
+    return np.where(_plausible_plateaus(fit, linear, inner, first), room, inner)
+
+
+def _plausible_plateaus(
+    fit: JointFit,
+    linear: Sequence[Linearisation],
+    inner: NDArray[np.float64],
+    first: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """Sides (n, 2) that end in a plateau with a plausible loss, all else fitted to it there.
+
+    `inner` (n, 2) widths, the largest moves that were plausible; `first` (n,) as `plausible_moves`.
+    """
+    to_bounds = np.stack([-fit.unit, 1.0 - fit.unit], axis=1)
+    found = np.zeros(to_bounds.shape, dtype=bool)
+    for parameter, side in np.argwhere(_plateaus(fit, linear, inner, first)):
+        away = np.zeros_like(to_bounds)
+        away[parameter, side] = to_bounds[parameter, side]
+        rise = fit.rise_at(parameter, fit.unit[parameter] + away[parameter, side])
+        rise -= _rises_of_bounds(fit, away)[parameter, side]
+        found[parameter, side] = rise < LARGEST_MOVE_RISE
+    return found
+
+
+def _rises_of_bounds(fit: JointFit, away: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rises (n, k) of the loss that the bounds alone bring, by moves (n, k) in widths."""
+    from_mean = (fit.unit - fit.prior.mean)[:, None]
+    return UNIFORM_PRECISION * (from_mean * away + 0.5 * away**2)
+
+
+def _plateaus(
+    fit: JointFit,
+    linear: Sequence[Linearisation],
+    inner: NDArray[np.float64],
+    first: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """Sides (n, 2) on which motion is the same at the bound as half-way there, but not plausible.
+
+    `inner` (n, 2) widths, the largest moves that were plausible; `first` (n,) as `plausible_moves`.
+    """
+    unit, sides = fit.unit, np.array([-1.0, 1.0])
+    room = np.stack([unit, 1.0 - unit], axis=1)
+    left = (first[:, None] < room) & (inner < room)
+    asked = np.asarray(left.any(axis=1))
+    if not asked.any():
+        return left
+    away = np.hstack([sides * room, sides * 0.5 * (inner + room)])
+    places = unit[:, None] + away
+    rises, _ = scanned(
+        fit.model, fit.estimate, linear, places, fit.weights, asked, present_too=True
+    )
+    rises -= fit.prior.scores(unit)[:, None] * away
+    rises -= 0.5 * np.diag(fit.prior.precision)[:, None] * away**2
+    alike = np.abs(rises[:, :2] - rises[:, 2:]) < LARGEST_PLATEAU_RISE
+    return np.asarray(left & alike)
 
 
 def curvature_simulations(fit: JointFit) -> float:
@@ -112,7 +176,7 @@ def curvature_simulations(fit: JointFit) -> float:
 
 def move_simulations(fit: JointFit) -> float:
     """Simulations of single observations that `plausible_moves` usually takes."""
-    return fit.model.simulations_of(fit.estimate, 2 + 4 * USUAL_ROUNDS)
+    return fit.model.simulations_of(fit.estimate, 2 + 4 * USUAL_ROUNDS + 8)
 
 
 def is_one_sided(moves: NDArray[np.float64], deviations: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -166,6 +166,13 @@ class Gaussian:
         inner = np.eye(deviations.size) + deviations[:, None] * across
         return Gaussian.about(self.mean, self.precision - across @ np.linalg.solve(inner, across.T))
 
+    def held_at(self, parameter: int, place: float, precision: float) -> Gaussian:
+        """Add that one parameter is at a place, with a precision, per width²."""
+        total, pull = self.precision.copy(), self.pull.copy()
+        total[parameter, parameter] += precision
+        pull[parameter] += precision * place
+        return Gaussian(total, pull)
+
     def scaled(self, factor: float) -> Gaussian:
         """Keep that part of what is known."""
         return Gaussian(factor * self.precision, factor * self.pull)

@@ -49,7 +49,7 @@ from intuitive_physics_perception.environment.static_boxes import StaticBoxFilte
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import Episode, EpisodeRecorder, record_of
 from intuitive_physics_perception.tracking.motion import PLACED, POSITION, RADIUS
-from intuitive_physics_perception.tracking.track import Track
+from intuitive_physics_perception.tracking.track import FilterStep, Track
 from intuitive_physics_perception.tracking.tracker import Tracker
 
 MIN_VISIBLE = 0.1
@@ -332,26 +332,32 @@ class ModelledScene:
         by_detection = {id(detection): item for item, detection in objects}
         rotation = self.model.rotation
         for track in self.tracker.followed:
-            step = track.seen_since(time)
-            item = by_detection.get(id(step.detection)) if step is not None else None
-            if step is None or item is None or not isinstance(item.detection, DetectedSphere):
+            # Another sensor may have seen it later than this frame.
+            steps = [step for step in track.since(time) if id(step.detection) in by_detection]
+            if not steps:
                 continue
-            if not self.tracker.flies(track):
+            step, item = steps[-1], by_detection[id(steps[-1].detection)]
+            if not isinstance(item.detection, DetectedSphere):
+                continue
+            if not self.tracker.flies(track, step):
                 track.surface = None
                 continue
-            sphere = self._followed_sphere(track, item.detection)
+            sphere = self._followed_sphere(track, step, item.detection)
             image = sphere_image(sphere, item.pixels(points), points, colors)
             if image is not None:
                 track.surface = track.surface or SurfaceSpin()
                 track.surface.take(step.time, image.moved(rotation))
 
-    def _followed_sphere(self, track: Track, detected: DetectedSphere) -> DetectedSphere:
-        """A detected sphere in the sensor's frame, averaged over all frames so far."""
+    def _followed_sphere(
+        self, track: Track, step: FilterStep, detected: DetectedSphere
+    ) -> DetectedSphere:
+        """A sphere as detected at a step, in the sensor's frame, averaged over all frames up to
+        it."""
         averaged = replace(
             detected,
-            center=track.mean[POSITION],
-            radius=float(track.mean[RADIUS]),
-            covariance=track.covariance[np.ix_(PLACED, PLACED)] + track.systematic,
+            center=step.mean[POSITION],
+            radius=float(step.mean[RADIUS]),
+            covariance=step.covariance[np.ix_(PLACED, PLACED)] + track.systematic,
         )
         return averaged.moved(self.model.rotation.T, self.model.to_sensor(np.zeros(3)))
 

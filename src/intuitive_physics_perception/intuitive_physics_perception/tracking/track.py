@@ -216,10 +216,9 @@ class Track:
         steps = takewhile(lambda step: step.time >= time, reversed(self.steps))
         return next((step for step in steps if step.time == time), None)
 
-    def seen_since(self, time: float) -> FilterStep | None:
-        """Newest step with a detection, none before a time (s); None where there is none."""
-        steps = takewhile(lambda step: step.time >= time, reversed(self.steps))
-        return next((step for step in steps if step.detection is not None), None)
+    def since(self, time: float) -> list[FilterStep]:
+        """Steps not before a time (s), oldest first."""
+        return list(takewhile(lambda step: step.time >= time, reversed(self.steps)))[::-1]
 
     def scene_object(self, settings: PerceptionSettings) -> SceneObject:
         """Return the object; its dimensions are averages over the track (Sec. VI-C)."""

@@ -41,6 +41,7 @@ from intuitive_physics_perception.tracking.size_classes import SizeClasses
 from intuitive_physics_perception.tracking.supports import surfaces_of
 from intuitive_physics_perception.tracking.track import (
     INSTANT,
+    FilterStep,
     Track,
     TrackFilter,
     detections_of,
@@ -151,11 +152,12 @@ class Tracker:
         """All tracks that are alive, those among them that are no object yet."""
         return list(self._tracks)
 
-    def flies(self, track: Track) -> bool:
-        """Return whether an object touches nothing and moves."""
-        reach = float(track.mean[RADIUS]) + FLIGHT_GAP
+    def flies(self, track: Track, step: FilterStep) -> bool:
+        """Return whether an object moves, and has touched nothing at a step of it nor since."""
+        reach = float(step.mean[RADIUS]) + FLIGHT_GAP
         surfaces = surfaces_of(self._environment)
-        return not track.resting and not surfaces.touches(track.mean[POSITION], reach)
+        touched = any(later.prediction.contact for later in track.after(step.time))
+        return not (track.resting or touched or surfaces.touches(step.mean[POSITION], reach))
 
     def expected_spheres(self, time: float) -> list[Start]:
         """Return each sphere that is followed, as expected at a time.

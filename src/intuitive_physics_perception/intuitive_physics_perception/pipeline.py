@@ -17,6 +17,7 @@ from intuitive_physics.validation import unit_vector
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.solids import all_objects
+from intuitive_physics_perception.detection.spheres import RecentFrame
 from intuitive_physics_perception.environment.environment_model import (
     EnvironmentModel,
     NoEnvironmentError,
@@ -359,7 +360,8 @@ class PerceptionPipeline:
                 scene.look_at_surfaces(
                     list(zip(objects_seen, detections, strict=True)), points, colors, time
                 )
-            eye.look_back(budget)
+            frame = RecentFrame(time, points, clusters, offsets, scene.tracker.shown)
+            eye.look_back(frame, budget)
             objects = tuple(self._perceived(track, scene) for track in scene.tracker.tracks)
         with timer.stage("episodes"):
             now = max(time, self._timeline.newest_begin)

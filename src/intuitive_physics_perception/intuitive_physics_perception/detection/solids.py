@@ -20,7 +20,7 @@ from intuitive_physics_perception.detection.detections import (
     without_doubles,
 )
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
-from intuitive_physics_perception.detection.spheres import ClusterSpheres
+from intuitive_physics_perception.detection.spheres import PIXELS_REACH, ClusterSpheres
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -29,10 +29,6 @@ FITTED_POINTS = 500
 
 SPHERES_LEAVE = 0.1
 """Part of a cluster that spheres may leave unexplained: noise, a shadow's edge, a finger."""
-
-PIXELS_REACH = 1.2
-"""Radii from a sphere's centre within which readings may be of it. Set by hand."""
-
 
 COLORED_REACH = 1.15
 """Radii from a sphere's centre within which a reading of its cluster shows its colour."""

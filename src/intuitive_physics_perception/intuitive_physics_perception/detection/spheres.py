@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import zip_longest
 from typing import Any
 
@@ -51,6 +52,9 @@ ROUND_OUTLINE = 0.7
 """Part that a cluster is of the disc as wide as it is from which on it may be a ball by its
 outline: half of a disc is one half."""
 
+PIXELS_REACH = 1.2
+"""Radii from a sphere's centre within which readings may be of it. Set by hand."""
+
 APART_ROUNDS = 2
 """Rounds in which the spheres of a cluster are fitted again: in the first one, the others were
 drawn to each other's side."""
@@ -83,37 +87,78 @@ class Candidate:
     must_end: bool
 
 
+@dataclass(frozen=True, eq=False)
+class RecentFrame:
+    """A frame of one sensor in which what is found only later was there already.
+
+    Parameters
+    ----------
+    time : s, of its first reading
+    points : (height, width, 3) m in the sensor's frame, NaN where nothing was read
+    clusters : of what is new in it
+    offsets : (height, width) s, time of each reading after `time`; None: all are of that time
+    shown : numbers of the tracks that were seen in it
+    """
+
+    time: float
+    points: NDArray[np.float32]
+    clusters: Clusters
+    offsets: NDArray[np.float32] | None = None
+    shown: frozenset[int] = frozenset()
+
+    def time_towards(self, place: NDArray[np.float64]) -> float:
+        """Return the time, s, of the reading that lies nearest to the direction of a place (3,) m
+        in the sensor's frame."""
+        if self.offsets is None:
+            return self.time
+        nearest = np.argmax(self._directions @ place.astype(np.float32))
+        return self.time + float(self.offsets.flat[nearest])
+
+    @cached_property
+    def _directions(self) -> NDArray[np.float32]:
+        """Unit vectors (height, width, 3) to the readings, zero where nothing was read."""
+        ranges = np.linalg.norm(self.points, axis=2, keepdims=True)
+        return np.nan_to_num(self.points / ranges)
+
+    def time_of(self, sphere: DetectedSphere) -> float:
+        """Return the mean time, s, of the readings on a sphere in the sensor's frame."""
+        if self.offsets is None:
+            return self.time
+        away = np.linalg.norm(self.points - sphere.center.astype(np.float32), axis=2)
+        on_it = away < PIXELS_REACH * sphere.radius
+        if not on_it.any():
+            return self.time_towards(sphere.center)
+        return self.time + float(self.offsets[on_it].mean())
+
+
 class RecentFrames:
-    """The newest frames and their clusters, in which what is found only later was there already.
+    """The newest frames of one sensor.
 
     `duration` in s for which a frame is kept.
     """
 
     def __init__(self, duration: float) -> None:
         self._duration = duration
-        self._frames: deque[tuple[float, NDArray[np.float32], Clusters]] = deque()
+        self._frames: deque[RecentFrame] = deque()
 
-    def keep(self, time: float, points: NDArray[np.float32], clusters: Clusters) -> None:
-        """Keep a frame.
-
-        `time` in s, of its stamp; `points` (height, width, 3) m.
-        """
-        self._frames.append((time, points, clusters))
-        while self._frames[0][0] < time - self._duration:
+    def keep(self, frame: RecentFrame) -> None:
+        """Keep a frame."""
+        self._frames.append(frame)
+        while self._frames[0].time < frame.time - self._duration:
             self._frames.popleft()
 
     def forget(self) -> None:
         """Forget all frames: the sensor has moved, or time has gone back."""
         self._frames.clear()
 
-    def before(self, time: float) -> tuple[float, NDArray[np.float32], Clusters] | None:
-        """Return the newest frame before a time, None where none is kept.
+    def before(self, time: float, number: int) -> RecentFrame | None:
+        """Return the newest frame before a time, s, in which a track was not seen, None where none
+        is kept.
 
-        `time` in s. Returns time (s), points (height, width, 3) m, and their
-        clusters.
+        `number`: of the track.
         """
-        earlier = (frame for frame in reversed(self._frames) if frame[0] < time)
-        return next(earlier, None)
+        frames = reversed(self._frames)
+        return next((f for f in frames if f.time < time and number not in f.shown), None)
 
 
 class SphereFinder:

@@ -117,7 +117,6 @@ class Track:
     steps : all frames since it was first seen
     earlier : detections in frames in which it was not seen at first, with their times (s), as long
         as they are looked for; None from then on
-    searched_until : s, down to which they were looked for
     identity : the object that it is, where that is known from elsewhere
     surface : what its surface has shown of its spin since its last contact; None while nothing
     camera : name of the one whose frame showed it last
@@ -143,7 +142,6 @@ class Track:
     color: NDArray[np.float64] | None = None
     steps: deque[FilterStep] = field(default_factory=lambda: deque(maxlen=MAX_STEPS))
     earlier: list[tuple[float, Detection]] | None = field(default_factory=list)
-    searched_until: float = np.inf
     identity: SceneObject | None = None
     surface: SurfaceSpin | None = None
     camera: str = ""

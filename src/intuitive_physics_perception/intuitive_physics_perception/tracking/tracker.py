@@ -343,6 +343,11 @@ class Tracker:
         times = (time for taken, time in self._taken.values() if taken.number == track.number)
         return max(times, default=None)
 
+    @property
+    def shown(self) -> frozenset[int]:
+        """Numbers of the tracks that the last frame showed."""
+        return frozenset(track.number for track, _ in self._taken.values())
+
     def objects_among(self, detections: Sequence[Detection]) -> list[int]:
         """Return which detections of the last frame are of objects: those of tracks that are, and
         those that are on their own more likely objects than not."""

@@ -379,7 +379,10 @@ class ModelledScene:
             for _ in range(1 if budget.is_spent else HINDSIGHT_FRAMES):
                 if track.earlier is not None and not self._searches_backwards(track):
                     self.tracker.take_earlier(track)
-                    self._searched_until.pop(track.number, None)
+        searched = {track.number for track in self.tracker.tracks if track.earlier is not None}
+        self._searched_until = {
+            number: until for number, until in self._searched_until.items() if number in searched
+        }
 
     def _searches_backwards(self, track: Track) -> bool:
         """Search the newest frame before those that were searched for a track; False where there

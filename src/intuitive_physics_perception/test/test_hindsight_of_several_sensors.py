@@ -6,13 +6,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.spheres import RecentFrame
 from intuitive_physics_perception.environment.environment_model import model_environment
 from intuitive_physics_perception.scene import ModelledScene
 from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_perception.tracking.tracker import Tracker
 
+FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
 SETTINGS = PerceptionSettings(environment_frames=4)
 RADIUS, FRAME, SCAN = 0.07, 1.0 / 60.0, 0.1
 START, VELOCITY = np.array([1.7, -0.6, 0.5]), np.array([0.3, 4.0, 1.0])
@@ -103,3 +106,22 @@ def test_a_scan_shows_a_ball_that_a_camera_found_when_it_read_it(make_small_room
     times, off = scene.found(begin + SCAN, scene.room.points(), offsets)
     assert times == pytest.approx([read], abs=0.001)
     assert off.max() < 0.015
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.0005])
+def test_two_sensors_at_about_one_time_say_nothing_of_a_velocity(apart) -> None:
+    """Extrapolated over a frame from two places with the errors σ, a frame apart, a place has the
+    error √5 σ; from two of one time it may be anywhere."""
+    tracker, rng, deviation = Tracker(FLOOR, SETTINGS), np.random.default_rng(4), 0.002
+    for k in range(1, 5):
+        for lag, camera in ((0.0, ""), (apart, "side")):
+            time = FRAME * k + lag
+            center = flight(time) + rng.normal(0.0, deviation, 3)
+            seen = DetectedSphere(center, RADIUS, deviation**2 * np.eye(4), 200, 2.0)
+            tracker.update(time, [seen], camera)
+    (track,) = tracker.tracks
+    expected = tracker.expected_before(track, 0.0)
+    assert expected is not None
+    error = np.linalg.norm(expected.start.sphere[:3] - flight(0.0))
+    # Of the bend, g times the square of a frame.
+    assert error < 3.0 * np.sqrt(3.0 * 5.0) * deviation + 9.81 * FRAME**2

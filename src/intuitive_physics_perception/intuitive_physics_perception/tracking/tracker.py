@@ -84,6 +84,10 @@ LARGEST_BEND = 0.6
 """Standard deviation, in radii, of the place of a ball in an earlier frame up to which it is looked
 for. Set by hand: at 30 Hz the next frame of a ball of 20 mm, at 90 Hz four frames."""
 
+SHORTEST_BASE = 0.002
+"""Time, s, that two places must be apart to show a velocity: several sensors may see a ball at one
+time. Set by hand: of one camera, frames are farther apart up to 500 Hz."""
+
 RECOGNITION_PATIENCE = 4
 """Multiple of `confirming_hits` after which a track is confirmed though its radius does not yet
 distinguish known objects."""
@@ -180,10 +184,11 @@ class Tracker:
 
         `time` in s.
         """
-        later = [(when, seen) for when, seen in track.detections if when > time][:2]
-        if len(later) < 2 or track.kind != "sphere":
+        later = [(when, seen) for when, seen in track.detections if when > time]
+        apart = [pair for pair in later if pair[0] - later[0][0] > SHORTEST_BASE]
+        if not apart or track.kind != "sphere":
             return None
-        (first, at_first), (second, at_second) = later
+        (first, at_first), (second, at_second) = later[0], apart[0]
         velocity = (at_second.center - at_first.center) / (second - first)
         part = (time - first) / (second - first)
         bent = 0.5 * HAND_ACCELERATION * (first - time) * (second - time)

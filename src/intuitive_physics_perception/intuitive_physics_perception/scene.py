@@ -242,6 +242,8 @@ class ModelledScene:
         self._background = background
         self._view = _settled_view(model, frames, settings)
         self._recent = RecentFrames(HINDSIGHT)
+        # Of each track's number, down to which frame, s, this sensor's were searched for it.
+        self._searched_until: dict[int, float] = {}
         self._flights: FlightGravity | None = None
         if settings.gravity_from_flights and settings.gravity_source == "plane" and not measured:
             self._flights = FlightGravity(settings.gravity)
@@ -430,8 +432,7 @@ class ModelledScene:
         self.episodes = EpisodeRecorder(self.model.environment, self._settings)
         self._next_look, self._changed_since = -np.inf, None
         self._recent.forget()
-        # Of each track's number, down to which frame, s, this sensor's were searched for it.
-        self._searched_until: dict[int, float] = {}
+        self._searched_until.clear()
         if self._view is not None:
             self._view.restart()
 

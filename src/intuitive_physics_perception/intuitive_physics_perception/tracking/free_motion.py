@@ -32,6 +32,8 @@ from intuitive_physics_perception.tracking.motion_fits import (
     free_evidence,
     grown_count,
     release_point,
+    shows_acceleration,
+    spoilt_points,
 )
 from intuitive_physics_perception.tracking.supports import supported_acceleration, surfaces_of
 
@@ -89,19 +91,28 @@ class Record:
 
     def between(self, start: float, end: float) -> Record:
         """Return the part with start ≤ time < end."""
-        inside = (self.times >= start) & (self.times < end)
         on_path = (self.path_times >= start) & (self.path_times < end)
-        attitudes = self.attitudes
-        if attitudes is not None:
-            attitudes = tuple(attitudes[k] for k in np.flatnonzero(inside))
         return replace(
-            self,
-            times=self.times[inside],
-            positions=self.positions[inside],
-            covariances=self.covariances[inside],
-            attitudes=attitudes,
+            self._of((self.times >= start) & (self.times < end)),
             path_times=self.path_times[on_path],
             path_positions=self.path_positions[on_path],
+        )
+
+    def without_spoilt(self) -> Record:
+        """Return it without detections that contradict those before and after them."""
+        return self._of(~spoilt_points(self.seen_path.with_shown_noise()))
+
+    def _of(self, kept: NDArray[np.bool_]) -> Record:
+        """The record of some detections (n,), on the same path."""
+        attitudes = self.attitudes
+        if attitudes is not None:
+            attitudes = tuple(attitudes[k] for k in np.flatnonzero(kept))
+        return replace(
+            self,
+            times=self.times[kept],
+            positions=self.positions[kept],
+            covariances=self.covariances[kept],
+            attitudes=attitudes,
         )
 
     @property
@@ -187,9 +198,9 @@ class FreeMotion:
     """
 
     def __init__(self, record: Record, environment: Environment) -> None:
-        self._record = record
+        self._record = record.without_spoilt()
         self._environment = environment
-        self._path = record.seen_path.with_shown_noise()
+        self._path = self._record.seen_path.with_shown_noise()
         self._stretches: list[Stretch] = []
         self._searched = 0
 
@@ -263,7 +274,7 @@ class FreeMotion:
                 stretch = self._from_its_release(
                     first, start, *max(sure, key=lambda candidate: candidate[0].end)
                 )
-                if self._evidence(stretch) > TOUCHING_EVIDENCE:
+                if self._is_evident(stretch, TOUCHING_EVIDENCE):
                     return stretch
         return None
 
@@ -308,9 +319,6 @@ class FreeMotion:
             goes_on=grown.expected is None,
         )
 
-    def _evidence(self, stretch: Stretch) -> float:
-        return free_evidence(self._path[stretch.start : stretch.end], stretch.acceleration)
-
     def _accelerations(self, start: int) -> list[tuple[Plane | None, NDArray[np.float64]]]:
         """Flight; and rolling, of a solid sliding, where it touches surfaces, with the first that
         carries it."""
@@ -354,7 +362,18 @@ class FreeMotion:
         )
         needed = TOUCHING_EVIDENCE if touches else SURE_EVIDENCE
         stretch = self._stretch(start, grown, plane, acceleration)
-        return grown if self._evidence(stretch) > needed else None
+        return grown if self._is_evident(stretch, needed) else None
+
+    def _is_evident(self, stretch: Stretch, needed: float) -> bool:
+        """Whether its points are evidence of free motion.
+
+        Those of a flight must show its acceleration, too: where a plane ends it, no evidence would
+        do as well, and three points in 22 ms, or a scatter about the edge of a hand, are none.
+        """
+        points, acceleration = self._path[stretch.start : stretch.end], stretch.acceleration
+        if stretch.plane is None and not shows_acceleration(points):
+            return False
+        return free_evidence(points, acceleration) > needed
 
     def _touches(self, k: int, position: NDArray[np.float64]) -> bool:
         """Whether a ball expected at `position` at point k would have met a plane by then."""

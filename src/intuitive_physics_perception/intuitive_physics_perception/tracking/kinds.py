@@ -34,8 +34,12 @@ UNKNOWN_TURN = np.pi
 """Standard deviation of a rotation that a detection does not show, rad."""
 
 
-def as_part_of(track: Track, detection: Detection) -> Detection | None:
+def as_part_of(track: Track, detection: Detection, doubted: float) -> Detection | None:
     """Return what a detection shows of a followed object; None where it is of another one.
+
+    `doubted` in s: for how long frames must show a capsule in place of a confirmed ball until it
+    is one. Till then it is the ball, somewhere on its axis: at a far range noise gives a ball a
+    side now and then.
 
     Where the returned detection is of another kind than the track, the object turned out to be of
     that kind. A capsule where it is expected, along the way since it was last seen, and no longer
@@ -53,14 +57,28 @@ def as_part_of(track: Track, detection: Detection) -> Detection | None:
         is_swept = _may_be_swept(way, axis) and _was_always_swept(track, way)
         if is_swept and _is_expected_on(track, detection, axis):
             return _swept(detection, axis)
-        if track.kind == "capsule" or _is_in(track.mean[POSITION], detection):
+        if track.kind == "capsule":
             return detection
+        if _is_in(track.mean[POSITION], detection):
+            is_doubted = track.confirmed and track.time - _long_since(track) < doubted
+            return _swept(detection, axis) if is_doubted else detection
     if isinstance(detection, DetectedSphere) and track.attitude is not None:
         if _was_always_swept(track, way):
             return detection
         if is_inside(detection.center, track.mean[POSITION], track.attitude):
             return _end_on(detection, track.attitude)
     return None
+
+
+def _long_since(track: Track) -> float:
+    """Time in s since when all that was seen of a ball was as long as if swept; now if nothing."""
+    since = track.time
+    for step in reversed(track.steps):
+        if isinstance(step.detection, DetectedSphere):
+            if not step.detection.sweep.any():
+                break
+            since = step.time
+    return since
 
 
 def _is_in(place: NDArray[np.float64], detection: Detection) -> bool:

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from intuitive_physics.geometry.path_differences import difference_weights, path_differences
@@ -58,7 +59,7 @@ class SeenPath:
     places: NDArray[np.float64]
     noise: NDArray[np.float64]
 
-    def __getitem__(self, part: slice) -> SeenPath:
+    def __getitem__(self, part: slice | NDArray[np.int_]) -> SeenPath:
         return SeenPath(self.times[part], self.places[part], self.noise[part])
 
     @property
@@ -84,6 +85,42 @@ def noise_factor(path: SeenPath) -> float:
         spread = np.einsum("n,nij->ij", weights[k] ** 2, path.noise[k : k + 5])
         misfits.append(float(differences[k] @ np.linalg.solve(spread, differences[k])))
     return max(1.0, float(np.median(misfits)) / MEDIAN_OF_CHI2_3) if misfits else 1.0
+
+
+def spoilt_points(path: SeenPath) -> NDArray[np.bool_]:
+    """Return which points (n,) are not where the object was, though their covariances say so.
+
+    Such is a point beside a hand whose readings drew it away. It differs from the cubic through
+    the two points before and after it by more than noise and a hand's acceleration explain, and
+    without it all others agree. After a bounce they do not, as the velocity is another.
+    """
+    suspects = 2 + np.flatnonzero(_misfits(path) > CONTACT_GATE)
+    spoilt = np.zeros(len(path.times), dtype=bool)
+    for k in suspects.tolist():
+        near = np.r_[max(k - 4, 0) : k, k + 1 : min(k + 5, len(path.times))]
+        left = _misfits(path[near])
+        # Without five points nothing shows whether they agree.
+        spoilt[k] = left.size > 0 and left.max() <= CONTACT_GATE
+    return spoilt
+
+
+def _misfits(path: SeenPath) -> NDArray[np.float64]:
+    """Squared distances (n - 4,), in variances, of the third of each five points in a row from the
+    cubic through the others: of noise and of the acceleration that a hand gives."""
+    weights = difference_weights(path.times, 4)
+    differences = path_differences(path.places, weights)
+    if not len(weights):
+        return np.empty(0)
+    five = sliding_window_view(np.arange(len(path.times)), 5)
+    spread = np.einsum("kn,knij->kij", weights**2, path.noise[five])
+    gaps = np.abs(path.times[five][:, :, None] - path.times[five][:, None, :]) / HAND_TIME
+    # Fourfold integral of the acceleration's correlation: what a difference that annuls uniform
+    # motion has of it is of this covariance.
+    swung = HAND_ACCELERATION**2 * HAND_TIME**4 * (np.exp(-gaps) + gaps + gaps**3 / 6.0)
+    bent = np.einsum("kn,knm,km->k", weights, swung, weights)
+    spread += bent[:, None, None] * np.eye(3)
+    off = np.linalg.solve(spread, differences[..., None])[..., 0]
+    return np.asarray(np.einsum("ki,ki->k", differences, off))
 
 
 def grown_count(
@@ -196,6 +233,13 @@ def free_evidence(path: SeenPath, acceleration: NDArray[np.float64]) -> float:
     free = off @ np.linalg.solve(spread, off) + np.linalg.slogdet(spread)[1]
     held = fitted @ np.linalg.solve(wide, fitted) + np.linalg.slogdet(wide)[1]
     return 0.5 * float(held - free)
+
+
+def shows_acceleration(path: SeenPath) -> bool:
+    """Return whether points, three at least, tell the acceleration better than one knows it of a
+    hand: the volume of its error is less."""
+    _, spread, _ = fitted_acceleration(path)
+    return bool(np.linalg.slogdet(spread)[1] < 6.0 * np.log(HAND_ACCELERATION))
 
 
 def release_point(

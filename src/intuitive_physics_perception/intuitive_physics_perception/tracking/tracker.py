@@ -391,9 +391,10 @@ class Tracker:
         likely = np.full((len(tracks), len(detections)), np.inf)
         possible = likely.copy()
         parts: dict[tuple[int, int], Detection] = {}
+        doubted = lasting(self._settings.confirming_hits)
         for k, track in enumerate(tracks):
             for n, seen in enumerate(detections):
-                detection = as_part_of(track, seen)
+                detection = as_part_of(track, seen, doubted)
                 if detection is None:
                     continue
                 parts[k, n] = detection

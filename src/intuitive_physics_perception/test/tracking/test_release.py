@@ -17,11 +17,15 @@ from intuitive_physics_perception.tracking.episodes import observations_of
 from intuitive_physics_perception.tracking.free_motion import SURE_EVIDENCE, FreeMotion, Record
 from intuitive_physics_perception.tracking.motion_fits import (
     CONTACT_GATE,
+    HAND_ACCELERATION,
     SeenPath,
     free_evidence,
     noise_factor,
+    shows_acceleration,
+    spoilt_points,
 )
 
+UP = np.array([0.0, 0.0, 1.0])
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
 SETTINGS = PerceptionSettings()
 RADIUS = 0.05
@@ -90,6 +94,63 @@ def test_observations_begin_at_the_release_at_every_frame_rate(rate, noise) -> N
     # 95 % within a frame at 30 Hz; of 40 draws 5 or more miss with a chance of 5 %.
     assert np.sum(np.abs(errors) > IN_TIME) <= 4, sorted(errors)
     assert np.abs(errors).max() < 3 * IN_TIME
+
+
+@pytest.mark.parametrize("rate", [60, 90])
+@pytest.mark.parametrize("after", [-1, 0])
+def test_a_point_drawn_off_beside_the_hand_does_not_move_the_release(rate, after) -> None:
+    """The last frame in the hand or the first after it shows the ball ten standard deviations off,
+    as where hand and ball pass for one thing: a frame less, so a frame more until it is shown."""
+    rng, errors = np.random.default_rng([rate, after + 1]), []
+    for _ in range(40):
+        throw, noise = Throw(rng), rng.uniform(0.0005, 0.0015)
+        times = np.arange(rng.random() / rate, throw.release + 0.45, 1.0 / rate)
+        seen = errors_of_detection(len(times), noise, rng)
+        ball = record(times, throw.places(times), seen, rng)
+        k = int(np.searchsorted(times, throw.release)) + after
+        off = rng.normal(size=3)
+        ball.positions[k] += 10.0 * np.linalg.cholesky(seen[k]) @ off / np.linalg.norm(off)
+        (observation, *_) = observations_of([ball], FLOOR, SETTINGS)
+        errors.append(observation.start_time - throw.release)
+    assert np.sum(np.abs(errors) > IN_TIME + 1.0 / rate) <= 4, sorted(errors)
+
+
+def test_a_swing_a_release_and_a_bounce_spoil_no_point() -> None:
+    """Noise alone passes for a spoilt point as often as the gate lets it."""
+    rng, spoilt, total = np.random.default_rng(12), 0, 0
+    for _ in range(150):
+        throw, rate, noise = Throw(rng), rng.uniform(15.0, 90.0), rng.uniform(0.0003, 0.003)
+        times = np.arange(0.0, throw.release + throw.meets_floor + 0.3, 1.0 / rate)
+        places = throw.places(times)
+        since = np.maximum(times - throw.release - throw.meets_floor, 0.0)
+        kick = 1.7 * (9.81 * throw.meets_floor - throw.velocity[2])
+        places[:, 2] += kick * since
+        ball = record(times, places, errors_of_detection(len(times), noise, rng), rng)
+        found = spoilt_points(SeenPath(times, ball.positions, ball.covariances))
+        spoilt += int(found.sum())
+        total += len(times)
+    expected = chi2.sf(CONTACT_GATE, 3) * total
+    assert spoilt <= expected + 3.0 * np.sqrt(expected)
+
+
+@pytest.mark.parametrize("count", [3, 5, 6, 9])
+def test_one_point_far_off_is_spoilt_where_the_others_can_be_seen_to_agree(count) -> None:
+    times = np.arange(count) / 60.0
+    places = np.outer(times, [1.0, 2.0, 0.0]) + 0.5 * np.outer(times**2, FLOOR.gravity)
+    places[2] += 0.05
+    path = SeenPath(times, places, np.tile(0.001**2 * np.eye(3), (count, 1, 1)))
+    assert np.flatnonzero(spoilt_points(path)).tolist() == ([2] if count > 5 else [])
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_scatter_about_the_edge_of_a_hand_is_never_free(seed) -> None:
+    """What passes for a ball is found to and fro along a forearm, 10 cm and more from frame to
+    frame; three points of 22 ms are then on a fall to the floor by chance."""
+    rng, times = np.random.default_rng(seed), np.arange(0.0, 1.0, 1.0 / 90.0)
+    places = np.array([0.0, 0.0, 0.32]) + np.outer(rng.uniform(-0.22, 0.22, times.size), UP)
+    ball = record(times, places, errors_of_detection(len(times), 0.002, rng), rng)
+    free = FreeMotion(ball, FLOOR)
+    assert all(free.stretch_at(float(time)) is None for time in times)
 
 
 def test_more_frames_make_a_better_first_velocity() -> None:
@@ -203,6 +264,19 @@ def test_points_that_cannot_tell_gravity_from_none_are_no_evidence() -> None:
     assert evidence[-1] < evidence[-2] < evidence[0]
     fallen = record(times, 0.5 * np.outer(times**2, FLOOR.gravity), errors, rng)
     assert free_evidence(SeenPath(times, fallen.positions, errors), FLOOR.gravity) > SURE_EVIDENCE
+
+
+@given(rate=st.floats(15.0, 120.0), noise=st.floats(0.0003, 0.02), count=st.integers(3, 20))
+def test_points_show_an_acceleration_where_its_error_is_less_than_a_hand_gives(
+    rate, noise, count
+) -> None:
+    """Least squares has it to σ / |q|, with q what is left of t² / 2 by a straight line."""
+    times = np.arange(count) / rate
+    errors = np.tile(noise**2 * np.eye(3), (count, 1, 1))
+    path = SeenPath(times, np.zeros((count, 3)), errors)
+    quadratic = 0.5 * (times - times.mean()) ** 2
+    deviation = noise / np.linalg.norm(quadratic - quadratic.mean())
+    assert shows_acceleration(path) == (deviation < HAND_ACCELERATION)
 
 
 @pytest.mark.parametrize("rate", [30, 90])

@@ -150,6 +150,21 @@ def test_a_capsule_that_was_seen_end_on_is_a_capsule_once_its_side_is_seen(rng, 
     assert tracker.next_number == (2 if turned else 3)
 
 
+@pytest.mark.parametrize("rate", [30, 60, 90])
+def test_a_ball_that_noise_gives_a_side_in_a_frame_stays_a_ball(rng, rate) -> None:
+    """It is a capsule only once nothing else was seen for as long as makes it an object."""
+    place, tracker = np.array([0.0, 0.0, 0.6]), Tracker(FLOOR, SETTINGS)
+    for k in range(rate):
+        ball = detection(rng, place, 0.04)
+        if k % rate == rate // 2:
+            ball = replace(lying_capsule(rng, 0.0), shape=Capsule(0.038, 0.011), center=place)
+        tracker.update(k / rate, [ball])
+        assert [track.kind for track in tracker.followed] == ["sphere"]
+    (track,) = tracker.tracks
+    assert len(track.detections) == rate
+    assert track.mean[:3] == pytest.approx(place, abs=0.005)
+
+
 def swept_capsule(rng, place, velocity, exposure) -> DetectedSolid:
     """What a ball of 4 cm radius is taken for that is swept by an exposure, in s."""
     return DetectedSolid(

@@ -98,9 +98,9 @@ def test_the_loss_rises_as_least_squares_say_where_a_parameter_is_held(gliding_t
     fit = fit_of(task)
     information = information_of(task, fit.model, fit.estimate.fits[0].horizons) + UNIFORM_PRECISION
     before = fit.unit.copy()
-    for deviations in (-3.0, 0.5, 2.0):
-        place = before[E] + deviations * information**-0.5
-        assert fit.rise_at(E, place) == pytest.approx(0.5 * deviations**2, rel=1e-3)
+    deviations = np.array([-3.0, 0.5, 2.0])
+    moves = [(E, place) for place in (before[E] + deviations * information**-0.5).tolist()]
+    np.testing.assert_allclose(fit.rises_at(moves), 0.5 * deviations**2, rtol=1e-3)
     np.testing.assert_array_equal(fit.unit, before)
 
 

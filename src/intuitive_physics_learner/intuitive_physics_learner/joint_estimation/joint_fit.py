@@ -285,26 +285,35 @@ class JointFit:
         self.begin_at(unit, self.deviations, chosen)
         return True
 
-    def rise_at(self, parameter: int, place: float) -> float:
-        """Return by how much the loss rises where one parameter is held elsewhere.
+    def rises_at(self, moves: Sequence[tuple[int, float]]) -> list[float]:
+        """Return by how much the loss rises where one parameter is held elsewhere, for each move.
 
-        All else is fitted to it, the other parameters included, by slopes there. Up to the present
-        horizons, with the present weights and the prior.
+        Observations that depend on it are fitted to it, with all other parameters, by slopes there,
+        up to the present horizons and with the present weights. What the others say of these
+        parameters stays as it is by the slopes at the estimate.
 
-        `parameter` : index among all n; `place` on the unit interval.
+        `moves` : index of the parameter among all n, and its place on the unit interval.
         """
-        unit = self.unit.copy()
+        likelihoods = self.likelihoods()
+        return [self._rise_at(*move, likelihoods) for move in moves]
+
+    def _rise_at(
+        self, parameter: int, place: float, likelihoods: Sequence[LocalLikelihood]
+    ) -> float:
+        asked = self.model.task.influence[:, parameter]
+        members, others = np.flatnonzero(asked), np.flatnonzero(~asked)
+        known = self.prior.plus([likelihoods[k] for k in others.tolist()], self.weights[others])
+        unit, fits = self.unit.copy(), self.observation_fits()
         unit[parameter] = place
-        prior = self.prior.held_at(parameter, place, HELD_PRECISION)
-        task = replace(self.model.task, prior=prior)
-        fit = self._continued(task, unit, self.observation_fits(), self.model.spins)
+        prior = known.held_at(parameter, place, HELD_PRECISION)
+        task = replace(self.model.task.of(members), prior=prior)
+        begun = [fits[k] for k in members.tolist()]
+        fit = self._continued(task, unit, begun, self.model.spins)
         self.model.simulations += fit.model.simulations
-        here, there = (
-            float(self.weights @ [each.loss for each in one.likelihoods()])
-            + float(self.prior.losses(one.unit[None])[0])
-            for one in (self, fit)
-        )
-        return there - here
+        before, after = known.losses(np.array([self.unit, fit.unit])).tolist()
+        losses = np.array([each.loss for each in fit.likelihoods()])
+        losses -= [likelihoods[k].loss for k in members.tolist()]
+        return float(self.weights[members] @ losses) + after - before
 
     def _held(
         self, unit: NDArray[np.float64], fits: Sequence[ObservationFit]

@@ -126,14 +126,12 @@ def _plausible_plateaus(
     `inner` (n, 2) widths, the largest moves that were plausible; `first` (n,) as `plausible_moves`.
     """
     to_bounds = np.stack([-fit.unit, 1.0 - fit.unit], axis=1)
-    found = np.zeros(to_bounds.shape, dtype=bool)
-    for parameter, side in np.argwhere(_plateaus(fit, linear, inner, first)):
-        away = np.zeros_like(to_bounds)
-        away[parameter, side] = to_bounds[parameter, side]
-        rise = fit.rise_at(parameter, fit.unit[parameter] + away[parameter, side])
-        rise -= _rises_of_bounds(fit, away)[parameter, side]
-        found[parameter, side] = rise < LARGEST_MOVE_RISE
-    return found
+    sides = np.argwhere(_plateaus(fit, linear, inner, first))
+    rises = np.full(to_bounds.shape, np.inf)
+    if len(sides):
+        moves = [(int(k), float(fit.unit[k] + to_bounds[k, side])) for k, side in sides]
+        rises[tuple(sides.T)] = fit.rises_at(moves)
+    return np.asarray(rises - _rises_of_bounds(fit, to_bounds) < LARGEST_MOVE_RISE)
 
 
 def _rises_of_bounds(fit: JointFit, away: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -13,9 +13,9 @@ ones are dropped (as by successive halving, Jamieson and Talwalkar 2016, *Non-st
 identification and hyperparameter optimization*). Those that are left may end at different places
 that the observations cannot tell apart, and how far these lie apart is part of the uncertainty.
 
-Where boxes tumble the loss has jumps, where another corner lands first, a standard deviation or two
-of an initial state apart. A fit ends between two of these, in one of many places, and by how much
-its evidence differs from that of another fit is chance rather than knowledge.
+Where boxes tumble the loss has jumps, where contacts come in another order, some standard
+deviations of an initial state apart. A fit ends between them, in one of many places, and by how
+much its evidence differs from that of another fit is chance rather than knowledge.
 """
 
 from __future__ import annotations

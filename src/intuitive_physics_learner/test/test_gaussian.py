@@ -39,6 +39,15 @@ def test_one_that_is_held_leaves_the_others_as_given_it():
     )
 
 
+def test_rises_are_differences_of_the_loss():
+    generator = np.random.default_rng(2)
+    known = Gaussian.about(generator.random(3), random_precision(generator, 3))
+    unit, away = generator.random(3), generator.normal(size=(3, 4))
+    moved = unit + away[..., None] * np.eye(3)[:, None]
+    expected = known.losses(moved.reshape(-1, 3)).reshape(3, 4) - known.losses(unit[None])
+    np.testing.assert_allclose(known.rises(unit, away), expected, rtol=1e-9, atol=1e-9)
+
+
 def test_observations_add_up_to_the_product_of_their_likelihoods():
     generator = np.random.default_rng(0)
     centre = np.array([0.3, 0.5, 0.6])

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRECISION
+from intuitive_physics.parameter_posterior import LARGEST_DEVIATION
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.normal_equations import reduced_equations
@@ -44,6 +44,10 @@ LARGEST_MOVE_RISE = 4.5
 """Rise of the loss up to which a move is plausible, that of three standard deviations: a fit may
 gain more than that of two by making a ball slip that does not; below the 6 of a parabola at 2 √3
 standard deviations."""
+
+LARGEST_PLATEAU_RISE = 0.5
+"""Change of the loss between two places up to which motion is taken to be the same at both: noise
+of its minimisation; set by hand."""
 
 
 def curvature_posterior(fit: JointFit) -> Gaussian:
@@ -73,11 +77,6 @@ def curvature_posterior(fit: JointFit) -> Gaussian:
     return Gaussian.about(centre, information).marginal(np.arange(n))
 
 
-LARGEST_PLATEAU_RISE = 0.5
-"""Change of the loss between two places up to which motion is taken to be the same at both: noise
-of its minimisation; set by hand."""
-
-
 def plausible_moves(fit: JointFit, first: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how far each parameter can be moved without an implausible rise of the loss.
 
@@ -90,6 +89,7 @@ def plausible_moves(fit: JointFit, first: NDArray[np.float64]) -> NDArray[np.flo
     first move where an end is as near; 0 for parameters that are not looked at further.
     """
     model, estimate, unit = fit.model, fit.estimate, fit.unit
+    bounds = Gaussian.within_bounds(fit.prior.mean)
     linear = model.linearised(estimate, CURVATURE_WIDENING)
     room = np.stack([unit, 1.0 - unit], axis=1)
     inner, outer = np.zeros_like(room), np.full_like(room, np.inf)
@@ -103,7 +103,7 @@ def plausible_moves(fit: JointFit, first: NDArray[np.float64]) -> NDArray[np.flo
         rises, _ = scanned(
             model, estimate, linear, unit[:, None] + away, fit.weights, going_on, present_too=True
         )
-        plausible = rises - _rises_of_bounds(fit, away) < LARGEST_MOVE_RISE
+        plausible = rises - bounds.rises(unit, away) < LARGEST_MOVE_RISE
         inner = np.where(going_on[:, None] & plausible, moves, inner)
         outer = np.where(going_on[:, None] & ~plausible, moves, outer)
         asked &= (inner > 0.0).any(axis=1)
@@ -131,13 +131,8 @@ def _plausible_plateaus(
     if len(sides):
         moves = [(int(k), float(fit.unit[k] + to_bounds[k, side])) for k, side in sides]
         rises[tuple(sides.T)] = fit.rises_at(moves)
-    return np.asarray(rises - _rises_of_bounds(fit, to_bounds) < LARGEST_MOVE_RISE)
-
-
-def _rises_of_bounds(fit: JointFit, away: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rises (n, k) of the loss that the bounds alone bring, by moves (n, k) in widths."""
-    from_mean = (fit.unit - fit.prior.mean)[:, None]
-    return UNIFORM_PRECISION * (from_mean * away + 0.5 * away**2)
+    rises -= Gaussian.within_bounds(fit.prior.mean).rises(fit.unit, to_bounds)
+    return np.asarray(rises < LARGEST_MOVE_RISE)
 
 
 def _plateaus(
@@ -161,8 +156,7 @@ def _plateaus(
     rises, _ = scanned(
         fit.model, fit.estimate, linear, places, fit.weights, asked, present_too=True
     )
-    rises -= fit.prior.scores(unit)[:, None] * away
-    rises -= 0.5 * np.diag(fit.prior.precision)[:, None] * away**2
+    rises -= fit.prior.rises(unit, away)
     alike = np.abs(rises[:, :2] - rises[:, 2:]) < LARGEST_PLATEAU_RISE
     return np.asarray(left & alike)
 
@@ -174,7 +168,8 @@ def curvature_simulations(fit: JointFit) -> float:
 
 def move_simulations(fit: JointFit) -> float:
     """Simulations of single observations that `plausible_moves` usually takes."""
-    return fit.model.simulations_of(fit.estimate, 2 + 4 * USUAL_ROUNDS + 8)
+    # Looking for plateaus, at two places to each side, takes as many as two rounds.
+    return fit.model.simulations_of(fit.estimate, 2 + 4 * (USUAL_ROUNDS + 2))
 
 
 def is_one_sided(moves: NDArray[np.float64], deviations: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -123,9 +123,7 @@ def scanned(
     """
     each = np.broadcast_to(levels, (estimate.unit.size, np.shape(levels)[-1]))
     candidates, index = scan_candidates(estimate.unit, model.groups, model.space, each)
-    away = each - estimate.unit[:, None]
-    rises = model.prior.scores(estimate.unit)[:, None] * away
-    rises += 0.5 * np.diag(model.prior.precision)[:, None] * away**2
+    rises = model.prior.rises(estimate.unit, each - estimate.unit[:, None])
     parts, fitted = list(model.parts(estimate)), []
     asked = np.ones(estimate.unit.size, dtype=bool) if asked is None else asked
     tried = [tried_parameters(block.parameters, asked) for block, _ in parts]

@@ -127,6 +127,16 @@ class Gaussian:
             return self.precision @ (unit - self.stated_mean)
         return self.precision @ unit - self.pull
 
+    def rises(self, unit: NDArray[np.float64], away: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return by how much the loss rises where single parameters move, all others staying.
+
+        `unit` (n,) point of the unit cube; `away` (n, k) widths, k moves of each parameter. Returns
+        (n, k).
+        """
+        rises = self.scores(unit)[:, None] * away
+        rises += 0.5 * np.diag(self.precision)[:, None] * away**2
+        return rises
+
     def plus(
         self, likelihoods: Sequence[QuadraticLikelihood], weights: Iterable[float] | None = None
     ) -> Gaussian:

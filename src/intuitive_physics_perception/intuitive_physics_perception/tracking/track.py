@@ -202,8 +202,7 @@ class Track:
 
     def recent(self, duration: float) -> list[FilterStep]:
         """Steps of the last `duration` s, oldest first."""
-        newest = takewhile(lambda s: s.time >= self.time - duration, reversed(self.steps))
-        return list(newest)[::-1]
+        return self.since(self.time - duration)
 
     def after(self, time: float) -> list[FilterStep]:
         """Steps later than a time (s), oldest first."""
@@ -211,8 +210,7 @@ class Track:
 
     def step_at(self, time: float) -> FilterStep | None:
         """Step of a time (s), None where there is none."""
-        steps = takewhile(lambda step: step.time >= time, reversed(self.steps))
-        return next((step for step in steps if step.time == time), None)
+        return next((step for step in self.since(time) if step.time == time), None)
 
     def since(self, time: float) -> list[FilterStep]:
         """Steps not before a time (s), oldest first."""

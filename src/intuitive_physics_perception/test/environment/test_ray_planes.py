@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from intuitive_physics_perception.environment.plane_relief import PlaneRelief
 from intuitive_physics_perception.environment.ray_planes import HIDING_DEPTH, RayPlanes
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -64,3 +67,27 @@ def test_without_planes_nothing_is_hidden(corner_model) -> None:
     points = np.full((10, 3), 1.0, dtype=np.float32)
     agreement = RayPlanes([], corner_model[1].noise, SETTINGS).agreement(points)
     assert (agreement.readings, agreement.explained, agreement.visible) == (10, 0.0, 1.0)
+
+
+@given(seed=st.integers(0, 10_000), sag=st.sampled_from([0.0, 0.02]))
+def test_only_readings_off_a_plane_lie_before_it_wherever_it_ends(corner_model, seed, sag) -> None:
+    """Off it are those whose distance d from its surface has d² > (s σ)² + t²; no NaN is a
+    reading."""
+    model, rng = corner_model[1], np.random.default_rng(seed)
+    plane, axes = model.detected[0], np.linalg.svd(model.detected[0].normal[None])[2][1:].T
+    bowl = PlaneRelief(plane.hull.mean(axis=0), axes, np.array([0.0, 0.0, 0.0, sag, 0.0, sag]))
+    plane = replace(plane, relief=bowl if sag else None)
+    points = plane.hull.mean(axis=0) + rng.normal(size=(2000, 3)) @ (axes @ axes.T)
+    heights = plane.heights(points) + rng.uniform(-0.1, 0.1, len(points))
+    points = (points + heights[:, None] * plane.normal).astype(np.float32)
+    points[rng.random(len(points)) < 0.3] = np.nan
+    planes = RayPlanes([plane], model.noise, SETTINGS)
+    kept, readings = planes.readings_before(points, continued=True)
+    ranges = np.linalg.norm(points, axis=1)
+    assert readings == np.sum((ranges >= SETTINGS.min_range) & (ranges <= SETTINGS.max_range))
+    before = points[kept]
+    assert np.isfinite(before).all()
+    distances = before @ plane.normal - plane.offset - plane.heights(before)
+    spread = SETTINGS.plane_sigmas * model.noise.deviation(ranges[kept])
+    assert (np.abs(distances) > np.hypot(spread, SETTINGS.plane_tolerance) - 1e-4).all()
+    assert 0 < len(kept) < readings

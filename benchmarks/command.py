@@ -45,7 +45,6 @@ def run_benchmark(
     add_options: Callable[[argparse.ArgumentParser], None] | None = None,
     *,
     parts: Sequence[str] = (),
-    parts_are_kept: bool = False,
     first_seed: int | None = None,
 ) -> int:
     """Measure, print the tables, write the result if asked to, and print the line of JSON last.
@@ -57,8 +56,8 @@ def run_benchmark(
     measure : called with the options: `quick`, and those below
     arguments : of the command line; None for those of the process
     add_options : adds the benchmark's own options
-    parts : names that `--only` may have; `only` is the list of the chosen ones, or None
-    parts_are_kept : whether `--write` keeps the result of some parts too, under `Outcome.part`
+    parts : names that `--only` may have; `only` is the list of the chosen ones, or None; `--write`
+        keeps the result of some under `Outcome.part`
     first_seed : default of `--first-seed`; None: the benchmark has no such option
 
     Returns
@@ -74,12 +73,12 @@ def run_benchmark(
         "--write", action="store_true", help=f"write benchmarks/results/{name}.json and .md too"
     )
     if parts:
-        kept = "; --write keeps their result in a file of its own" if parts_are_kept else ""
         parser.add_argument(
             "--only",
             type=lambda text: _chosen(text, parts),
             metavar="PARTS",
-            help=f"measure only some of {','.join(parts)}{kept}",
+            help=f"measure only some of {','.join(parts)}; --write keeps their result in a file of "
+            "its own",
         )
     if first_seed is not None:
         parser.add_argument(
@@ -93,8 +92,6 @@ def run_benchmark(
         add_options(parser)
     given = list(sys.argv[1:] if arguments is None else arguments)
     options = parser.parse_args(given)
-    if options.write and parts and options.only is not None and not parts_are_kept:
-        parser.error("--write was given with --only; expected one of them: a kept result is of all")
     run = started_run(name, given)
     start = time.perf_counter()
     try:

@@ -210,7 +210,6 @@ def test_benchmark_writes_its_result_and_prints_a_line_of_json_last(
     ("arguments", "message"),
     [
         (["--only", "first,none"], "'none'; expected some of first,second"),
-        (["--only", "first", "--write"], "--write was given with --only"),
         (["--first-seed", "-1"], "-1; expected at least 0"),
     ],
 )

@@ -78,7 +78,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         run,
         arguments,
         parts=parts,
-        parts_are_kept=True,
         first_seed=FIRST_SEED,
     )
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -67,13 +68,8 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Outcome:
     """Measure all parts, or those that were chosen."""
     warm_up()
-    return measure_parts(
-        {
-            name: partial(measure, options)
-            for name, measure in PARTS.items()
-            if name in (options.only or PARTS)
-        }
-    )
+    outcome = measure_parts({name: partial(PARTS[name], options) for name in options.only or PARTS})
+    return replace(outcome, part="_".join(options.only or ()))
 
 
 if __name__ == "__main__":

@@ -107,7 +107,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         run,
         arguments,
         parts=PARTS,
-        parts_are_kept=True,
         first_seed=FIRST_SEED,
     )
 

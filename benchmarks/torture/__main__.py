@@ -38,9 +38,7 @@ LONG = "long"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Torture the nodes, print the tables, and print the line of JSON last."""
-    return run_benchmark(
-        "torture", __doc__, run, arguments, _add_options, parts=PARTS, parts_are_kept=True
-    )
+    return run_benchmark("torture", __doc__, run, arguments, _add_options, parts=PARTS)
 
 
 def _add_options(parser: argparse.ArgumentParser) -> None:

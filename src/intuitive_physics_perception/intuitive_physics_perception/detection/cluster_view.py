@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.kernels import allocating_entry
+from intuitive_physics.kernels import allocating_entry, entry
 
 WINDOW_RADII = 1.8
 """Distance from its centre that is inspected around a sphere, in radii."""
@@ -123,16 +123,58 @@ class ClusterView:
 
     @cached_property
     def _directions(self) -> NDArray[np.float32]:
-        points = self.points.reshape(-1, 3)[self.cluster]
-        return np.asarray(points / np.linalg.norm(points, axis=1, keepdims=True))
+        return np.asarray(directions_of(self.points.reshape(-1, 3), self.cluster))
 
     @cached_property
     def pixel(self) -> float:
         """Angle between neighbouring pixels, rad."""
-        rows, columns = np.divmod(self.cluster, self.points.shape[1])
-        pixels = float(np.hypot(np.ptp(rows), np.ptp(columns)))
-        extent = float(np.linalg.norm(np.ptp(self._directions, axis=0)))
+        top, bottom, left, right = outline_of(self.cluster, self.points.shape[1])
+        pixels = float(np.hypot(bottom - top, right - left))
+        extent = float(np.linalg.norm(extent_of(self._directions, np.arange(len(self.cluster)))))
         return max(extent / max(pixels, 1.0), 1e-6)
+
+
+@entry
+def outline_of(cluster: Any, width: int) -> tuple[int, int, int, int]:
+    """Return the first and the last row and column of some pixels.
+
+    `cluster` (n,) indices of pixels in row-major order; `width` of the image.
+    """
+    top = left = np.iinfo(np.int64).max
+    bottom = right = -1
+    for pixel in cluster:
+        row, column = pixel // width, pixel % width
+        top, bottom = min(top, row), max(bottom, row)
+        left, right = min(left, column), max(right, column)
+    return top, bottom, left, right
+
+
+@allocating_entry
+def extent_of(points: Any, chosen: Any) -> Any:
+    """Return how far some points reach along each axis, (3,), as their unit.
+
+    `points` (n, 3) float32; `chosen` (m,) indices of them.
+    """
+    low, high = np.full(3, np.inf, dtype=np.float32), np.full(3, -np.inf, dtype=np.float32)
+    for i in chosen:
+        for axis in range(3):
+            low[axis] = min(low[axis], points[i, axis])
+            high[axis] = max(high[axis], points[i, axis])
+    return high - low
+
+
+@allocating_entry
+def directions_of(points: Any, chosen: Any) -> Any:
+    """Return unit vectors (m, 3) float32 to some points.
+
+    `points` (n, 3) float32 m; `chosen` (m,) indices of them.
+    """
+    directions = np.empty((chosen.size, 3), dtype=np.float32)
+    for k in range(chosen.size):
+        x, y, z = points[chosen[k], 0], points[chosen[k], 1], points[chosen[k], 2]
+        length = np.sqrt(x * x + y * y + z * z)
+        directions[k, 0], directions[k, 1], directions[k, 2] = x / length, y / length, z / length
+    return directions
 
 
 @allocating_entry

@@ -13,6 +13,7 @@ from intuitive_physics.scene import StaticBox
 from intuitive_physics_perception.detection.box_fit import SURFACE_DEVIATION, cloud_of_box, fit_box
 from intuitive_physics_perception.detection.capsule_fit import fit_capsule
 from intuitive_physics_perception.detection.cluster_memory import MOVEMENT, ClusterMemory
+from intuitive_physics_perception.detection.cluster_view import extent_of, outline_of
 from intuitive_physics_perception.detection.detections import (
     DetectedSolid,
     DetectedSphere,
@@ -99,12 +100,10 @@ class SolidFinder:
             return False
         height, width = points.shape[:2]
         if height > 1:
-            rows, columns = np.divmod(cluster, width)
-            if min(rows.min(), columns.min()) == 0 or (
-                rows.max() == height - 1 or columns.max() == width - 1
-            ):
+            top, bottom, left, right = outline_of(cluster, width)
+            if 0 in (top, left) or bottom == height - 1 or right == width - 1:
                 return False
-        extent = np.ptp(points.reshape(-1, 3)[cluster], axis=0)
+        extent = extent_of(points.reshape(-1, 3), cluster)
         return bool(np.linalg.norm(extent) < 2.0 * self._settings.max_solid_size)
 
     def _solid(self, readings: NDArray[np.float64]) -> DetectedSolid | None:

@@ -9,7 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics_perception.detection.cluster_view import ClusterView
-from intuitive_physics_perception.detection.detections import DetectedSphere, Outline, given_radius
+from intuitive_physics_perception.detection.detections import (
+    NEW_GOES_ON,
+    DetectedSphere,
+    Outline,
+    given_radius,
+)
 from intuitive_physics_perception.detection.sphere_fit import (
     SphereSolution,
     readings_beyond,
@@ -67,29 +72,6 @@ outlines seem larger or smaller than they are: a matching window lets the nearer
 grow by up to one pixel (root mean square 0.7 where every second camera does), mixed readings at
 edges take about as much away."""
 
-NEW_READINGS = 0.5
-"""Part of a sphere's readings that must lie where nothing was before for it to be new in the scene,
-of those that lie where it is known whether something was."""
-
-TELLING = 0.25
-"""Part of a sphere's readings that must lie where that is known. Set by hand."""
-
-NEW_GOES_ON = 0.7
-"""Part of the ring round its outline in which the cluster of a new sphere may go on: each ball of
-its size that it touches covers 0.15, a hand more."""
-
-STATIC_GOES_ON = 0.13
-"""`NEW_GOES_ON` of a sphere that was there when the environment was modelled: 2 of 16 sectors, as
-where it touches one other thing."""
-
-STATIC_LEVEL = 0.25
-"""Part of the ring in which any surface may go on round such a sphere: the plane that a ball lies
-on does so in a fifth of it, seen from near."""
-
-CARRIED_LEVEL = 0.6
-"""The same round a sphere that lies on a plane: that goes on below it, in half of the ring as far
-as noise shows where it lies; round a bulge in a plane it does in all."""
-
 CARRIER_COSINE = 0.94
 """Cosine of the steepest slope, 20°, of a plane that carries what lies on it."""
 
@@ -99,16 +81,6 @@ radius."""
 
 CARRIED_MARGIN = 0.1
 """Radii that are added to that, for planes that are not quite flat. Set by hand."""
-
-STATIC_ENDS = 0.3
-"""Part of the ring in which something must be read clearly behind such a sphere."""
-
-STATIC_VISIBLE = 0.9
-"""Part of the outline in which the surface of such a sphere must be seen; set on the real scenes
-for tuning of `make bench-perception`."""
-
-NEW_VISIBLE = 0.7
-"""The same of a new one: of a ball with a radius of four pixels 0.75 to 0.9 is seen."""
 
 SHAPE_MISFIT = 1.65
 """Mean squared error of the patches of a sphere's surface at most, in variances: three standard
@@ -447,7 +419,7 @@ class SphereFitter:
         ):
             return None
         outline = self._outline(view, fit, inspection.visible)
-        if outline is None or not _may_be_object(outline, most_goes_on, is_object=is_object):
+        if outline is None or not outline.may_be_object(most_goes_on, is_object=is_object):
             return None
         return DetectedSphere(
             sphere[:3],
@@ -509,46 +481,3 @@ class SphereFitter:
         shared = np.minimum(1.0 + self._sharing / each, readings)
         unevenness = UNEVENNESS * float(fit.sphere[3])
         return np.asarray(fit.noise_scale * variances * shared / readings + unevenness**2)
-
-
-def _may_be_object(outline: Outline, most_goes_on: float, *, is_object: bool) -> bool:
-    """Whether a sphere may be an object of its own and not a part of something larger.
-
-    What has come where nothing was is most likely an object, and may touch others; so may what is
-    one by other frames, and comes where nobody has looked. What was there already, or is first seen
-    where nobody has looked, is most likely not, so it must end all round its outline and be seen as
-    a whole.
-    """
-    if outline.new is None or _is_new(outline) or (is_object and not was_there(outline)):
-        return outline.goes_on <= most_goes_on
-    return stands_apart(outline)
-
-
-def was_there(outline: Outline) -> bool:
-    """Return whether most of a sphere lies where something was before."""
-    return outline.known is not None and outline.known > 0.5
-
-
-def _is_new(outline: Outline) -> bool:
-    if outline.new is None or outline.known is None:
-        return False
-    telling = outline.new + outline.known
-    return telling >= TELLING and outline.new > NEW_READINGS * telling
-
-
-def stands_apart(outline: Outline) -> bool:
-    """Return whether a sphere ends all round its outline and is seen as a whole.
-
-    A bulge of a plane ends nowhere, but a plane was there before what is new. Beside what stood
-    there before something must be read behind it; before the sky nothing is. The plane on which a
-    ball lies goes on round it where it is seen from above.
-    """
-    alone = outline.goes_on <= STATIC_GOES_ON and outline.level_off_planes <= STATIC_LEVEL
-    if _is_new(outline):
-        return alone and outline.visible >= NEW_VISIBLE
-    return (
-        alone
-        and outline.level <= (CARRIED_LEVEL if outline.is_carried else STATIC_LEVEL)
-        and not (was_there(outline) and outline.ends < STATIC_ENDS)
-        and outline.visible >= STATIC_VISIBLE
-    )

@@ -34,10 +34,6 @@ VERTICAL_VIEW_COSINE = float(np.cos(np.radians(10.0)))
 """Cosine of the angle between optical axis and vertical below which the view counts as vertical:
 the horizontal part of the optical axis is then too short to give a direction. Set by hand."""
 
-VIEW_DISTANCE = 2.0
-"""Distance, m, at which a turn of the sensor counts as a shift. Our choice: objects that are
-perceived well are about as far."""
-
 
 class NoEnvironmentError(IntuitivePhysicsError):
     """The frames show no plane that could support anything."""
@@ -161,12 +157,6 @@ def _within_boundary(hull: NDArray[np.float64], plane: Plane) -> NDArray[np.floa
     return hull
 
 
-def is_same_view(way: RigidTransform, noise: RangeNoise) -> bool:
-    """Return whether a sensor has moved by less than what its readings' noise hides."""
-    shift, angle = RigidTransform().difference(way)
-    return bool(shift + VIEW_DISTANCE * angle < noise.deviation(VIEW_DISTANCE))
-
-
 def model_environment(
     frames: Sequence[NDArray[np.float32]],
     settings: PerceptionSettings,
@@ -234,22 +224,27 @@ def revised_environment(
     frame: NDArray[np.float32],
     settings: PerceptionSettings,
     rng: np.random.Generator,
-) -> EnvironmentModel | None:
+) -> EnvironmentModel:
     """Model the planes again where the sensor still stands as it did.
 
     A plane that is still there keeps its id and its place, so that the frame stays; where it ends
     is determined again.
 
     `frame` (height, width, 3) m, what has been seen for some time, NaN where nothing was read.
-    The result has no static boxes. Returns None where the support has gone or come, and with
-    it the frame.
+    The result has no static boxes.
+
+    Raises
+    ------
+    NoEnvironmentError
+        When the support has gone or come, and with it the frame.
     """
     points = fuse([frame], settings, rng)
     old_planes = {plane.numbers.tobytes(): plane.numbers for plane in model.detected}
     planes = detect_planes(points, model.noise, settings, rng, list(old_planes.values()))
     planes, names = _named(planes, model)
     if model.has_support != _supports(planes, names, model, settings):
-        return None
+        change = "gone" if model.has_support else "come"
+        raise NoEnvironmentError(f"the support has {change}: the environment is modelled again")
     cloud = RangeCloud.of_scene(
         fuse([frame], settings, rng, MAX_EDGE_POINTS), model.noise, settings
     )

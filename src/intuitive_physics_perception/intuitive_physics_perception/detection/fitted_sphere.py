@@ -51,6 +51,21 @@ STRAY_SIGMAS = 5.0
 """Standard deviations of a ray's direction beyond a sphere's outline within which no other one is
 looked for: noise must not make a second sphere of what strays farthest."""
 
+MAX_MISFIT = 1.5
+"""Mean squared residual of a surface, in variances of the noise, at most."""
+
+MAX_RADIUS_UNCERTAINTY = 0.15
+"""Standard deviation of a fitted radius, in radii, that is still a sphere."""
+
+MIN_ON_SURFACE = 0.9
+"""Part of the readings in a sphere's outline that must lie on its surface."""
+
+MIN_VISIBLE = 0.45
+"""Part of a sphere's outline in which its surface must be seen."""
+
+MIN_PARTLY_VISIBLE = 0.15
+"""The same for a sphere that is hidden or cut off but densely seen."""
+
 MIN_DENSITY = 0.9
 """Part of the disc between readings on a partly visible sphere that must have readings: two scan
 lines of a LiDAR make at most 0.7, a sphere cut off by the image's edge makes 1."""
@@ -377,7 +392,7 @@ class SphereFitter:
         beyond = readings_beyond(around, sphere, self.noise)
         noise = self.noise * [scale, scale, scale, 1.0]
         fit = refine_sphere(points, beyond, sphere, *limits, noise, sharing, growth)
-        if not fit.inliers or fit.misfit * scale > self._settings.max_misfit:
+        if not fit.inliers or fit.misfit * scale > MAX_MISFIT:
             return None
         freedom = fit.inliers / (1.0 + self._shared(part)) - 4.0
         return fit, scale * self._noise_scale(fit.misfit, freedom)
@@ -399,22 +414,22 @@ class SphereFitter:
         deviation = np.sqrt(fit.covariance[3, 3])
         return bool(
             settings.min_radius - deviation <= radius <= settings.max_radius + deviation
-            and (size_is_known or deviation <= settings.max_radius_uncertainty * radius)
+            and (size_is_known or deviation <= MAX_RADIUS_UNCERTAINTY * radius)
             and np.linalg.norm(fit.sphere[:3]) > radius + settings.min_range
         )
 
     def _inspected(
         self, view: ClusterView, fit: SphereFit, most_goes_on: float, *, is_object: bool
     ) -> DetectedSphere | None:
-        settings, sphere = self._settings, fit.sphere
+        sphere = fit.sphere
         around, each = view.around(sphere)
         inspection = inspect_sphere(around, sphere, self.noise)
-        enough = inspection.visible >= settings.min_visible_fraction or (
-            inspection.visible >= settings.min_partly_visible and inspection.density >= MIN_DENSITY
+        enough = inspection.visible >= MIN_VISIBLE or (
+            inspection.visible >= MIN_PARTLY_VISIBLE and inspection.density >= MIN_DENSITY
         )
         if (
-            each * inspection.on < settings.min_points
-            or inspection.on < settings.min_surface_fraction * (inspection.on + inspection.against)
+            each * inspection.on < self._settings.min_points
+            or inspection.on < MIN_ON_SURFACE * (inspection.on + inspection.against)
             or not enough
         ):
             return None

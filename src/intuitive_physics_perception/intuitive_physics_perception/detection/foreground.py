@@ -23,6 +23,9 @@ JUMP = 0.02
 JUMP_SIGMAS = 6.0
 """Standard deviations of the range that are added to that difference."""
 
+CLUSTER_ANGLE = 0.04
+"""Gap between neighbours in a cloud that is not organised, rad."""
+
 LINES_APART = 1.2
 """Angles between the lines of a scanner up to which readings are neighbours: on a surface that is
 slanted across the lines their ranges differ, too. Set by hand."""
@@ -177,7 +180,7 @@ class ForegroundFinder:
             order, starts = grid_clusters(points, groups, self._limits, JUMP, JUMP_SIGMAS, fewest)
             parts = [order[a:b] for a, b in pairwise(starts)]
         else:
-            gap = max(self._settings.cluster_angle, LINES_APART * self._model.noise.between_lines)
+            gap = max(CLUSTER_ANGLE, LINES_APART * self._model.noise.between_lines)
             for group in (KNOWN, NEW):
                 indices = np.flatnonzero(groups == group)
                 labels = neighbour_labels(points[0, indices].astype(np.float64), gap)

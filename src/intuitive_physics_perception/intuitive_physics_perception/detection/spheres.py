@@ -20,6 +20,7 @@ from intuitive_physics_perception.detection.cluster_view import ClusterView
 from intuitive_physics_perception.detection.detections import NEW_GOES_ON, DetectedSphere
 from intuitive_physics_perception.detection.fitted_sphere import (
     EXPECTED_REACH,
+    MIN_PARTLY_VISIBLE,
     STRAY_SIGMAS,
     SphereFitter,
     Start,
@@ -318,8 +319,7 @@ class SphereFinder:
     def _fewest(self, view: ClusterView, sphere: NDArray[np.float64]) -> float:
         """Points below which a cluster is far too little of a sphere to be seen as one: a cheap
         test before the fit."""
-        least = min(self._settings.min_visible_fraction, self._settings.min_partly_visible)
-        return ROUGHLY_SEEN * least * view.readings_in_outline(sphere)
+        return ROUGHLY_SEEN * MIN_PARTLY_VISIBLE * view.readings_in_outline(sphere)
 
 
 def _in_turn(

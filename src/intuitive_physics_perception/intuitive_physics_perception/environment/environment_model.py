@@ -14,7 +14,12 @@ from intuitive_physics.frames.change_of_frame import RigidTransform, environment
 from intuitive_physics.geometry.polygons import clip_polygon
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_perception.environment.fusion import MAX_EDGE_POINTS, fuse
-from intuitive_physics_perception.environment.gravity import Upward, facing, upright
+from intuitive_physics_perception.environment.gravity import (
+    UP_TOLERANCE,
+    Upward,
+    facing,
+    upright,
+)
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.plane_edges import with_edges
 from intuitive_physics_perception.environment.planes import DetectedPlane, detect_planes
@@ -242,7 +247,11 @@ def revised_environment(
     old_planes = {plane.numbers.tobytes(): plane.numbers for plane in model.detected}
     planes = detect_planes(points, model.noise, settings, rng, list(old_planes.values()))
     planes, names = _named(planes, model)
-    if model.has_support != _supports(planes, names, model, settings):
+    if model.has_support:
+        is_supported = "plane_0" in names
+    else:
+        is_supported = facing(planes, model.rotation[2]) is not None
+    if model.has_support != is_supported:
         change = "gone" if model.has_support else "come"
         raise NoEnvironmentError(f"the support has {change}: the environment is modelled again")
     cloud = RangeCloud.of_scene(
@@ -256,18 +265,6 @@ def revised_environment(
     )
     agreement = RayPlanes(planes, model.noise, settings).agreement(points.astype(np.float32))
     return replace(model, environment=environment, detected=tuple(planes), agreement=agreement)
-
-
-def _supports(
-    planes: Sequence[DetectedPlane],
-    names: Sequence[str],
-    model: EnvironmentModel,
-    settings: PerceptionSettings,
-) -> bool:
-    """Whether the support is there; or, where there was none, whether a plane could be one."""
-    if model.has_support:
-        return "plane_0" in names
-    return facing(planes, model.rotation[2], settings.up_hint_tolerance) is not None
 
 
 def _named(
@@ -342,7 +339,7 @@ def _upward(
     if given is None:
         return Upward(planes[0].normal, tuple(planes), True)
     direction = np.asarray(given, dtype=np.float64)
-    sorted_planes = facing(planes, direction, settings.up_hint_tolerance)
+    sorted_planes = facing(planes, direction)
     if sorted_planes is not None:
         return Upward(sorted_planes[0].normal if up is None else direction, sorted_planes, True)
     if measured and organised:
@@ -350,7 +347,7 @@ def _upward(
     named = ", ".join(f"{x:.2f}" for x in direction)
     raise NoEnvironmentError(
         f"none of {len(planes)} planes faces up, ({named}) in the sensor's frame, within "
-        f"{settings.up_hint_tolerance:g}°; expected a floor or table: correct up_hint, or the "
+        f"{UP_TOLERANCE:g}°; expected a floor or table: correct up_hint, or the "
         "orientation of the IMU"
     )
 

@@ -23,6 +23,9 @@ MIN_VISIBLE = 0.1
 """Part of the readings, relative to the first frames, that nothing may hide: with fewer the planes
 cannot be checked."""
 
+MOVED_TIME = 0.5
+"""s for which too few readings lie on the planes until the sensor counts as moved."""
+
 COVERED_TIME = 2.0
 """s for which nearly all is hidden until the sensor counts as moved."""
 
@@ -129,7 +132,7 @@ class EnvironmentCheck:
         if self._since is None or time < self._since:
             self._since = time
         lasting = time - self._since
-        if lasting < (COVERED_TIME if covered else self._settings.moved_time):
+        if lasting < (COVERED_TIME if covered else MOVED_TIME):
             return ""
         if covered:
             return (

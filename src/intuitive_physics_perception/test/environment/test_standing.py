@@ -52,7 +52,7 @@ def test_a_moved_camera_is_named_and_its_new_place_modelled(camera, pipeline) ->
     before = play(pipeline, camera.frames(6), 0.0)[-1].model
     after = play(pipeline, camera.frames(14, tilt=31.0, height=0.9, seed=2), 1.0)
     (moved,) = [k for k, perceived in enumerate(after) if perceived.moved]
-    # At the first frame that is moved_time after the first one from the new place.
+    # At the first frame that is `MOVED_TIME` after the first one from the new place.
     assert moved == 5
     assert "the sensor was moved" in after[moved].moved
     assert after[moved].diagnostics.problem == after[moved].moved

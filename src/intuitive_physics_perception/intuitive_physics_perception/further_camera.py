@@ -12,11 +12,11 @@ from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics_perception.environment.environment_model import (
     EnvironmentModel,
     NoEnvironmentError,
-    is_same_view,
     model_environment,
 )
 from intuitive_physics_perception.environment.gravity import degrees_between
-from intuitive_physics_perception.environment.noise import RangeNoise
+from intuitive_physics_perception.environment.standing import FramesFromOnePlace
+from intuitive_physics_perception.frame import Frame
 from intuitive_physics_perception.scene import ModelledScene, begun
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -50,9 +50,7 @@ class FurtherCamera:
 
     def forget(self) -> None:
         """Model its view again from the frames that follow."""
-        self._frames: list[NDArray[np.float32]] = []
-        self._collected = 0
-        self._modelled_at = RigidTransform()
+        self._newest = FramesFromOnePlace(self._settings)
         self._modelling: Future[tuple[ModelledScene, str]] | None = None
         self._scene: ModelledScene | None = None
         self.doubt = ""
@@ -60,49 +58,36 @@ class FurtherCamera:
     def restart(self) -> None:
         """Forget the last frames, as when time goes back; its view stays known."""
         if self._scene is not None:
-            self._scene.restart_tracking(1)
+            self._scene.restart()
 
-    def look(
-        self, points: NDArray[np.float32], pose: RigidTransform, seen: EnvironmentModel
-    ) -> ModelledScene | None:
+    def look(self, frame: Frame, seen: EnvironmentModel) -> ModelledScene | None:
         """Take a frame; return the scene as it is seen from here, None while that is not modelled.
 
-        `points` (height, width, 3) m; `pose` in the frame that stands still; `seen`: the known
-        environment as it is seen from there.
+        `seen`: the known environment as it is seen from there.
         """
         if self._scene is None and self._modelling is None:
-            self._collect(points, pose, seen)
+            self._newest.take(frame.points, frame.time, frame.pose)
+            if self._newest.are_enough:
+                (rng,) = self._rng.spawn(1)
+                job = self._newest.frames, seen, frame.pose, self._settings, rng, self._background
+                self._modelling = begun(self._background, _modelled, *job)
         if self._modelling is not None and self._modelling.done():
             (self._scene, self.doubt), self._modelling = self._modelling.result(), None
         if self._scene is not None:
-            self._scene.look_from(self._modelled_at.inverse.after(pose))
+            self._scene.look_from(frame.pose)
         return self._scene
-
-    def _collect(
-        self, points: NDArray[np.float32], pose: RigidTransform, seen: EnvironmentModel
-    ) -> None:
-        """Keep a frame, and begin to model once there have been enough."""
-        noise = RangeNoise.from_settings(self._settings)
-        if not is_same_view(self._modelled_at.inverse.after(pose), noise):
-            # Of a camera that moves only the newest frames are from where it is now.
-            self._frames, self._modelled_at = [], pose
-        self._frames.append(points)
-        self._collected += 1
-        if self._collected < self._settings.environment_frames:
-            return
-        (rng,) = self._rng.spawn(1)
-        job = self._frames, seen, self._settings, rng, self._background
-        self._modelling = begun(self._background, _modelled, *job)
 
 
 def _modelled(
     frames: Sequence[NDArray[np.float32]],
     seen: EnvironmentModel,
+    pose: RigidTransform | None,
     settings: PerceptionSettings,
     rng: np.random.Generator,
     background: Executor | None,
 ) -> tuple[ModelledScene, str]:
-    """Model what frames (height, width, 3) m show, and say where it contradicts what is known."""
+    """Model what frames (height, width, 3) m show from a pose, and say where it contradicts what is
+    known."""
     doubt = ""
     try:
         model = model_environment(frames, settings, rng, seen.rotation[2]).in_frame_of(seen)
@@ -110,7 +95,9 @@ def _modelled(
     except NoEnvironmentError:
         # Nothing that could be a support is in its view, but what is known is.
         model = seen
-    scene = ModelledScene(model, frames, settings, rng, 1, measured=True, background=background)
+    scene = ModelledScene(
+        model, frames, settings, rng, pose=pose, measured=True, background=background
+    )
     return scene, doubt
 
 

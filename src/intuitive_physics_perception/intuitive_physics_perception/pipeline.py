@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -13,19 +13,19 @@ from numpy.typing import ArrayLike, NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.observation import Observation
+from intuitive_physics.scene import Environment
 from intuitive_physics.validation import unit_vector
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.solids import all_objects
-from intuitive_physics_perception.detection.spheres import RecentFrame
 from intuitive_physics_perception.environment.environment_model import (
     EnvironmentModel,
     NoEnvironmentError,
-    is_same_view,
     model_environment,
 )
 from intuitive_physics_perception.environment.gravity import degrees_between
-from intuitive_physics_perception.environment.noise import RangeNoise
+from intuitive_physics_perception.environment.standing import FramesFromOnePlace
+from intuitive_physics_perception.frame import Frame
 from intuitive_physics_perception.frame_result import (
     FrameDiagnostics,
     FrameResult,
@@ -33,6 +33,7 @@ from intuitive_physics_perception.frame_result import (
     StageTimer,
 )
 from intuitive_physics_perception.further_camera import FurtherCamera
+from intuitive_physics_perception.hindsight import RecentFrame
 from intuitive_physics_perception.input.frame_order import Timeline
 from intuitive_physics_perception.input.reading_times import reading_span
 from intuitive_physics_perception.scene import ModelledScene, begun
@@ -42,25 +43,11 @@ from intuitive_physics_perception.tracking.episodes import (
     detection_at,
     observations_from,
 )
+from intuitive_physics_perception.tracking.followed_objects import FollowedObjects
 from intuitive_physics_perception.tracking.track import Track
 
-STANDING_TIME = 1.0
-"""Time for which a sensor stays where it is, as far as noise shows, until it stands, s: one that
-drives at 5 cm/s has gone too far for that by then, and a frame is too short to tell."""
-
-
-@dataclass(frozen=True, eq=False)
-class ModelledElsewhere:
-    """An environment that is being modelled from where a sensor stands that has moved.
-
-    Parameters
-    ----------
-    pose : of the sensor there
-    scene : what comes of it; None where nothing shows an environment from there
-    """
-
-    pose: RigidTransform
-    scene: Future[ModelledScene | None]
+SEARCHES_IN_FRAME = 1
+"""Clusters that are searched for spheres at random in one frame, which bounds its time."""
 
 
 class PerceptionPipeline:
@@ -98,20 +85,15 @@ class PerceptionPipeline:
         self._budget = FrameBudget()
         if background is not None:
             self._budget = FrameBudget(1e-3 * settings.hypothesis_budget, clock)
-        self._next_track = 1
         self._timeline = Timeline()
         self._further: dict[str, FurtherCamera] = {}
-        self._first_frames: list[NDArray[np.float32]] = []
-        self._first_pose: RigidTransform | None = None
-        self._moved_since_first = False
-        self._standing: list[NDArray[np.float32]] = []
-        self._stands_since: tuple[float, RigidTransform] | None = None
-        self._modelling: ModelledElsewhere | None = None
+        self._newest = FramesFromOnePlace(settings)
         self._pose: RigidTransform | None = None
-        self._modelled_at: RigidTransform | None = None
+        # Up (3,) in the sensor's frame, and the sensor's pose when it was measured.
+        self._up: tuple[NDArray[np.float64], RigidTransform | None] | None = None
         self._scene: ModelledScene | None = None
-        self._up: NDArray[np.float64] | None = None
-        self._up_seen_from: RigidTransform | None = None
+        self._followed = FollowedObjects(Environment(), settings, 1)
+        self._modelling: Future[ModelledScene | None] | None = None
 
     @property
     def model(self) -> EnvironmentModel | None:
@@ -124,7 +106,7 @@ class PerceptionPipeline:
 
         With `gravity_source` "imu" the environment is modelled once it is known.
         """
-        self._up, self._up_seen_from = unit_vector(up, "up"), self._pose
+        self._up = unit_vector(up, "up"), self._pose
 
     def rebuild_environment(self) -> tuple[Observation, ...]:
         """Forget the environment, which the next frames model again; return what was under way."""
@@ -167,22 +149,16 @@ class PerceptionPipeline:
         self._budget.begin_frame()
         restarted = self._timeline.goes_back(camera, stamp, first, last)
         episodes = self._restarted() if restarted else ()
+        frame = Frame(time, points, colors, pose, camera, offsets)
         if not np.isfinite(points[..., 2]).any():
             problem = "the frame has no reading at all; expected points: is the sensor covered?"
             result = self._unused(time, problem)
         elif camera:
-            result = self._see_further(camera, points, time, colors, pose, offsets)
-        elif (scene := self._scene) is None:
-            self._take_first(points, pose)
-            result = self._model(time, self._up_from_here())
+            result = self._see_further(frame)
+        elif self._scene is None:
+            result = self._see_first(frame)
         else:
-            self._pose = pose
-            if pose is not None and self._modelled_at is not None:
-                scene.look_from(self._modelled_at.inverse.after(pose))
-            result = self._perceive(scene, points, time, colors, scene, offsets=offsets)
-            if pose is not None and self._scene is scene:
-                self._model_where_it_stands(scene, points, time, pose)
-                result = self._with_new_model(scene, result, pose)
+            result = self._see(self._scene, frame)
         self._budget.end_frame()
         return replace(
             result,
@@ -199,188 +175,166 @@ class PerceptionPipeline:
         shows that."""
         return self._further[camera].doubt if camera in self._further else ""
 
-    def _see_further(
-        self,
-        camera: str,
-        points: NDArray[np.float32],
-        time: float,
-        colors: NDArray[np.uint8] | None,
-        pose: RigidTransform | None,
-        offsets: NDArray[np.float32] | None,
-    ) -> FrameResult:
-        """Perceive a frame of a further camera in the environment of the first."""
-        if self._scene is None:
-            return self._unused(time, "the first camera has not shown the environment yet")
-        if pose is None or self._pose is None:
-            problem = "a camera has no pose; expected that of each in one frame that stands still"
-            return self._unused(time, problem)
-        further = self._further.setdefault(
-            camera, FurtherCamera(self.settings, self._rng, self._background)
-        )
-        seen = self._scene.model.seen_from(self._pose.inverse.after(pose))
-        eye = further.look(points, pose, seen)
-        if eye is None:
-            return FrameResult(time, self.model)
-        eye.share_tracking(self._scene)
-        return self._perceive(self._scene, points, time, colors, eye, camera, offsets)
-
-    def _model(self, time: float, up: NDArray[np.float64] | None) -> FrameResult:
-        """Model the environment once there are frames enough, with up (3,) where it is known."""
+    def _see_first(self, frame: Frame) -> FrameResult:
+        """Collect a frame, and model the environment once there are enough."""
+        self._pose = frame.pose
+        self._newest.take(frame.points, frame.time, frame.pose)
+        up = self._up_from_here()
         if self.settings.gravity_source == "imu" and up is None:
-            self._first_frames.clear()
-            return self._unused(time, "up is not known yet; expected an IMU that has rested")
-        if len(self._first_frames) < self.settings.environment_frames:
-            return FrameResult(time, None)
-        frames, self._first_frames = self._first_frames, []
-        # Of a sensor that moves the newest frame alone is from where it is now.
-        if self._moved_since_first:
-            frames = frames[-1:]
+            self._newest.forget()
+            problem = "up is not known yet; expected an IMU that has rested"
+            return self._unused(frame.time, problem)
+        if not self._newest.are_enough:
+            return FrameResult(frame.time, None)
+        frames = self._newest.frames
+        self._newest.forget()
         timer = StageTimer(self._clock)
         with timer.stage("environment"):
             try:
                 model = model_environment(frames, self.settings, self._rng, up)
             except NoEnvironmentError as error:
-                return self._unused(time, str(error))
+                return self._unused(frame.time, str(error))
             self._scene = ModelledScene(
                 model,
                 frames,
                 self.settings,
                 self._rng,
-                self._next_track,
+                pose=frame.pose,
                 measured=up is not None,
                 background=self._background,
             )
-            self._modelled_at = self._pose
-        return FrameResult(
-            time, self.model, is_new_model=True, diagnostics=FrameDiagnostics(seconds=timer.seconds)
-        )
-
-    def _take_first(self, points: NDArray[np.float32], pose: RigidTransform | None) -> None:
-        """Collect a frame to model the environment from; whether the sensor moves is seen."""
-        if not self._first_frames:
-            self._first_pose, self._moved_since_first = pose, False
-        elif pose is not None and self._first_pose is not None:
-            self._moved_since_first |= not self._noise_hides(self._first_pose.inverse.after(pose))
-        self._first_frames.append(points)
-        self._pose = pose
+            self._followed.take_environment(self._scene.model.environment)
+        diagnostics = FrameDiagnostics(seconds=timer.seconds)
+        return FrameResult(frame.time, self.model, is_new_model=True, diagnostics=diagnostics)
 
     def _up_from_here(self) -> NDArray[np.float64] | None:
         """Up (3,) in the sensor's frame now, where it is known."""
-        if self._up is None or self._pose is None or self._up_seen_from is None:
-            return self._up
-        return self._pose.inverse.after(self._up_seen_from).directions(self._up)
+        if self._up is None:
+            return None
+        up, seen_from = self._up
+        if self._pose is None or seen_from is None:
+            return up
+        return self._pose.inverse.after(seen_from).directions(up)
 
-    def _noise_hides(self, way: RigidTransform) -> bool:
-        return is_same_view(way, RangeNoise.from_settings(self.settings))
+    def _see(self, scene: ModelledScene, frame: Frame) -> FrameResult:
+        """Perceive a frame of the first camera, and model the environment again where a camera that
+        has moved stands."""
+        self._pose = frame.pose
+        scene.look_from(frame.pose)
+        result = self._perceive(scene, scene, frame)
+        if frame.pose is None or self._scene is not scene:
+            return result
+        self._model_where_it_stands(scene, frame)
+        return self._with_new_model(result, frame.pose)
 
-    def _model_where_it_stands(
-        self, scene: ModelledScene, points: NDArray[np.float32], time: float, pose: RigidTransform
-    ) -> None:
+    def _see_further(self, frame: Frame) -> FrameResult:
+        """Perceive a frame of a further camera in the environment of the first."""
+        if self._scene is None:
+            return self._unused(frame.time, "the first camera has not shown the environment yet")
+        if frame.pose is None or self._pose is None:
+            problem = "a camera has no pose; expected that of each in one frame that stands still"
+            return self._unused(frame.time, problem)
+        further = self._further.setdefault(
+            frame.camera, FurtherCamera(self.settings, self._rng, self._background)
+        )
+        seen = self._scene.model.seen_from(self._pose.inverse.after(frame.pose))
+        eye = further.look(frame, seen)
+        if eye is None:
+            return FrameResult(frame.time, self.model)
+        return self._perceive(self._scene, eye, frame)
+
+    def _model_where_it_stands(self, scene: ModelledScene, frame: Frame) -> None:
         """Begin to model the environment again where a sensor that has moved stands, if nothing
         moves."""
         if scene.is_at_home:
-            self._stands_since = None
+            self._newest.forget()
             return
-        since = self._stands_since
-        if since is None or not self._noise_hides(since[1].inverse.after(pose)):
-            self._stands_since, self._standing = (time, pose), []
-            since = self._stands_since
-        self._standing.append(points)
-        del self._standing[: -self.settings.environment_frames]
-        enough = len(self._standing) == self.settings.environment_frames
-        if not enough or time - since[0] < STANDING_TIME or self._modelling is not None:
+        self._newest.take(frame.points, frame.time, frame.pose)
+        if not self._newest.stands(frame.time) or self._modelling is not None:
             return
-        if all(track.resting for track in scene.tracker.tracks):
+        if all(track.resting for track in self._followed.tracker.tracks):
             # A generator of its own: the frames meanwhile draw from the other one.
             (rng,) = self._rng.spawn(1)
-            frames = [scene.without_followed(points) for points in self._standing]
-            job = frames, self.settings, rng, scene.model, self._background
-            modelled = begun(self._background, _modelled_elsewhere, *job)
-            self._modelling = ModelledElsewhere(pose, modelled)
-            self._stands_since = None
+            frames = [
+                self._followed.removed_from(points, scene.model) for points in self._newest.frames
+            ]
+            job = frames, self.settings, rng, scene.model, frame.pose, self._background
+            self._modelling = begun(self._background, _modelled_elsewhere, *job)
+            self._newest.forget()
 
-    def _with_new_model(
-        self, scene: ModelledScene, result: FrameResult, pose: RigidTransform
-    ) -> FrameResult:
+    def _with_new_model(self, result: FrameResult, pose: RigidTransform) -> FrameResult:
         """Take a new model once it is there, if the sensor has not left the place."""
-        modelling = self._modelling
-        if modelling is None or not modelling.scene.done():
+        if self._modelling is None or not self._modelling.done():
             return result
-        self._modelling, modelled = None, modelling.scene.result()
-        if modelled is None or not self._noise_hides(modelling.pose.inverse.after(pose)):
+        modelled, self._modelling = self._modelling.result(), None
+        if modelled is None:
             return result
-        modelled.share_tracking(scene)
-        modelled.track_in_environment()
-        self._scene, self._modelled_at = modelled, modelling.pose
+        modelled.look_from(pose)
+        if not modelled.is_at_home:
+            return result
+        self._followed.take_environment(modelled.model.environment)
+        self._scene = modelled
         return replace(result, model=modelled.model, is_new_model=True)
 
-    def _perceive(
-        self,
-        scene: ModelledScene,
-        points: NDArray[np.float32],
-        time: float,
-        colors: NDArray[np.uint8] | None,
-        eye: ModelledScene,
-        camera: str = "",
-        offsets: NDArray[np.float32] | None = None,
-    ) -> FrameResult:
+    def _perceive(self, scene: ModelledScene, eye: ModelledScene, frame: Frame) -> FrameResult:
         """Remove the planes, detect objects, track them, end episodes, revise the environment.
 
-        `eye`: the scene as the camera of the frame sees it, which of the first is `scene` itself.
+        `scene`: that of the first camera; `eye`: that of the frame's.
         """
+        points, time, budget = frame.points, frame.time, self._budget
+        tracker = self._followed.tracker
         timer = StageTimer(self._clock)
         with timer.stage("planes"):
-            moved = eye.check.moved(points, time) if eye.is_at_home else ""
+            moved = eye.moved(points, time)
             if moved:
-                return self._model_again(time, moved, self._forget_view(camera))
+                return self._model_again(time, moved, self._forget_view(frame.camera))
             clusters = eye.stages.clusters(points)
-            eye.look_about(points, clusters)
-        budget = self._budget
+            eye.look_about(points, clusters, self._followed)
         budget.begin()
         with timer.stage("spheres"):
-            spheres = eye.find_spheres(points, clusters, time, budget)
+            expected = [start.seen_from(eye.model) for start in tracker.expected_spheres(time)]
+            spheres = eye.stages.spheres.find(points, clusters, SEARCHES_IN_FRAME, expected, budget)
         with timer.stage("solids"):
-            objects_seen = all_objects(points, spheres, eye.stages.solids, colors, budget)
-            pixels = [item.pixels(points) for item in objects_seen]
+            seen = all_objects(points, spheres, eye.stages.solids, frame.colors, budget)
+            pixels = [item.pixels(points) for item in seen]
         budget.end()
         with timer.stage("tracking"):
             pose = eye.model.rotation, eye.model.translation
-            detections = [item.detection.moved(*pose) for item in objects_seen]
-            if offsets is not None:
-                detections = [
-                    replace(detection, delay=float(offsets.reshape(-1)[seen].mean()))
-                    for detection, seen in zip(detections, pixels, strict=True)
-                ]
+            detections = [
+                replace(item.detection.moved(*pose), delay=frame.delay_of(readings))
+                for item, readings in zip(seen, pixels, strict=True)
+            ]
             others = max(sum(clusters.new) - len(detections), 0)
-            ended = scene.tracker.update(time, detections, camera, others)
-            shown = scene.tracker.objects_among(detections)
+            ended = tracker.update(time, detections, frame.camera, others)
+            shown = tracker.objects_among(detections)
             pixels = [pixels[k] for k in shown]
             eye.stages.foreground.expect_objects(pixels)
-            if not camera:
-                scene.look_at_surfaces(
-                    list(zip(objects_seen, detections, strict=True)), points, colors, time
-                )
-            frame = RecentFrame(time, points, clusters, offsets, scene.tracker.shown)
-            eye.look_back(frame, budget)
-            objects = tuple(self._perceived(track, scene) for track in scene.tracker.tracks)
+            if scene is eye:
+                pairs = list(zip(seen, detections, strict=True))
+                self._followed.look_at_surfaces(pairs, frame, eye.model)
+            if eye.is_at_home:
+                eye.hindsight.keep(RecentFrame(frame, clusters, tracker.shown))
+            eye.hindsight.search(tracker, eye.stages, budget)
+            objects = tuple(self._perceived(track, scene) for track in tracker.tracks)
         with timer.stage("episodes"):
             now = max(time, self._timeline.newest_begin)
-            episodes = scene.episodes.update(now, scene.tracker.tracks, ended)
+            episodes = self._followed.episodes.update(now, tracker.tracks, ended)
             up = scene.up_of_flights(episodes)
             if up is not None:
                 return self._turn_gravity(scene, up, time)
         with timer.stage("revision"):
-            revised = eye.watch(points, time, pixels)
-            if revised is None:
-                reason = "the support has gone: the environment is modelled again"
-                return self._model_again(time, reason, (*episodes, *self._forget_view(camera)))
-            if camera and revised:
-                # Only what it sees was revised.
-                scene.track_in_environment()
-                revised = ""
+            try:
+                revised = eye.watch(points, time, pixels)
+            except NoEnvironmentError as gone:
+                ended_episodes = *episodes, *self._forget_view(frame.camera)
+                return self._model_again(time, str(gone), ended_episodes)
+            # Of what a further camera sees only its own view was revised.
+            revised = revised if scene is eye else ""
+            if revised:
+                self._followed.take_environment(scene.model.environment)
         latest = time + max((detection.delay for detection in detections), default=0.0)
         return FrameResult(
-            scene.tracker.newest(latest),
+            tracker.newest(latest),
             scene.model,
             is_new_model=bool(revised),
             revised=revised,
@@ -399,7 +353,7 @@ class PerceptionPipeline:
             track.scene_object(self.settings),
             track.object_state(scene.model.environment, self.settings),
             track.color,
-            detection_at(track, scene.tracker.seen_at(track)),
+            detection_at(track, self._followed.tracker.seen_at(track)),
         )
 
     def _turn_gravity(
@@ -410,7 +364,7 @@ class PerceptionPipeline:
         Episodes under the other gravity are dropped: they would mislead the learner.
         """
         angle = degrees_between(scene.model.rotation[2], up)
-        self._up, self._up_seen_from = up, self._pose
+        self._up = up, self._pose
         self._forget_environment()
         reason = (
             f"flights show that gravity points {angle:.0f}° beside what the support showed: the "
@@ -425,7 +379,7 @@ class PerceptionPipeline:
     def _forget_environment(self) -> tuple[Episode, ...]:
         """Let the next frames model the environment; return what was under way."""
         episodes = self._restarted()
-        self._first_frames, self._scene, self._modelling = [], None, None
+        self._scene, self._modelling = None, None
         self._further.clear()
         return episodes
 
@@ -438,11 +392,14 @@ class PerceptionPipeline:
 
     def _restarted(self) -> tuple[Episode, ...]:
         """Restart tracking in the same environment; return what was under way."""
+        self._newest.forget()
         if self._scene is None:
             return ()
-        episodes = self._scene.episodes.finish(self._scene.tracker.tracks)
-        self._next_track = self._scene.tracker.next_number
-        self._scene.restart_tracking(self._next_track)
+        episodes = self._followed.finish()
+        first_track = self._followed.tracker.next_number
+        environment = self._scene.model.environment
+        self._followed = FollowedObjects(environment, self.settings, first_track)
+        self._scene.restart()
         for further in self._further.values():
             further.restart()
         return episodes
@@ -456,6 +413,7 @@ def _modelled_elsewhere(
     settings: PerceptionSettings,
     rng: np.random.Generator,
     known: EnvironmentModel,
+    pose: RigidTransform,
     background: Executor | None,
 ) -> ModelledScene | None:
     """Model a known environment from elsewhere, with the same up; None where nothing shows it.
@@ -466,4 +424,6 @@ def _modelled_elsewhere(
         model = model_environment(frames, settings, rng, known.rotation[2]).in_frame_of(known)
     except NoEnvironmentError:
         return None
-    return ModelledScene(model, frames, settings, rng, 1, measured=True, background=background)
+    return ModelledScene(
+        model, frames, settings, rng, pose=pose, measured=True, background=background
+    )

@@ -78,7 +78,6 @@ class PerceptionSettings:
     plane_min_fraction: float = number(
         0.008, 0.002, 1.0, "smallest part of all points that makes a plane"
     )
-    max_planes: int = number(8, 1, 16, "planes looked for at most")
     plane_tolerance: float = number(
         0.005, 0.0, 1.0, "unevenness of a plane that is no object on it, m"
     )
@@ -107,18 +106,12 @@ class PerceptionSettings:
         "measure the direction of gravity on what falls freely: where it differs from that of the "
         "support the environment is modelled again",
     )
-    up_hint_tolerance: float = number(
-        20.0, 0.1, 90.0, "largest angle between up and the normal of the support, degrees"
-    )
     moved_fraction: float = number(
         0.6,
         0.0,
         1.0,
         "the sensor was moved when less than this part of the readings that should lie on planes "
         "does; 0: never",
-    )
-    moved_time: float = number(
-        0.5, 0.0, 60.0, "time for which that must last until planes are modelled again, s"
     )
     revise_environment: bool = other(
         True,
@@ -149,10 +142,6 @@ class PerceptionSettings:
     min_radius: float = number(0.015, 0.001, 10.0, "smallest radius of a sphere, m")
     max_radius: float = number(0.40, 0.001, 10.0, "largest radius of a sphere, m")
     min_points: int = number(30, 8, 100000, "points a sphere needs at least")
-    cluster_angle: float = number(
-        0.04, 0.001, 0.5, "gap between neighbours in a cloud that is not organised, rad"
-    )
-    hypotheses: int = number(192, 8, 100000, "random spheres tried on a cluster")
     hypothesis_budget: float = number(
         15.0,
         1.0,
@@ -161,27 +150,11 @@ class PerceptionSettings:
         "comes first, then what is new, then what has waited longest",
         unit="ms",
     )
-    max_misfit: float = number(
-        1.5, 1.0, 100.0, "mean squared residual of a sphere, in variances of the noise, at most"
-    )
-    min_surface_fraction: float = number(
-        0.9, 0.1, 1.0, "part of the readings in a sphere's outline that must lie on its surface"
-    )
-    min_visible_fraction: float = number(
-        0.45, 0.05, 1.0, "part of a sphere's outline in which its surface must be seen"
-    )
-    min_partly_visible: float = number(
-        0.15, 0.05, 1.0, "the same for a sphere that is hidden or cut off but densely seen"
-    )
-    max_radius_uncertainty: float = number(
-        0.15, 0.001, 1.0, "standard deviation of a fitted radius, in radii, that is still a sphere"
-    )
     find_solids: bool = other(True, "look for boxes and capsules, too")
     solids_are_objects: bool = other(
         False,
         "boxes and capsules that lie there from the start are objects; false: static boxes",
     )
-    min_solid_points: int = number(120, 20, 1000000, "points a box or capsule needs at least")
     max_solid_size: float = number(
         0.8, 0.01, 100.0, "a box or capsule reaches no further from end to end, m"
     )
@@ -202,13 +175,6 @@ class PerceptionSettings:
         0.006, 0.0001, 1.0, "a sphere is a known object when its radius differs by no more, m"
     )
 
-    confirming_hits: int = number(
-        3,
-        1,
-        100,
-        "detections at 30 Hz that make a track an object; at a higher rate those of the same time",
-    )
-    coast_time: float = number(0.25, 0.0, 10.0, "a track unseen for longer is closed, s")
     acceleration_noise: float = number(
         1.5,
         0.0,
@@ -216,21 +182,11 @@ class PerceptionSettings:
         "standard deviation of an unmodelled acceleration, over 1/30 s, m/s^2",
     )
     max_speed: float = number(15.0, 0.1, 1000.0, "fastest object, m/s")
-    bounce_restitution: float = number(
-        0.6, 0.0, 1.0, "restitution the tracker expects of a bounce it knows nothing of"
-    )
     rest_speed: float = number(0.05, 0.001, 10.0, "a slower object may be at rest, m/s")
     rest_time: float = number(0.5, 0.05, 60.0, "time of no motion after which it is, s")
 
     min_travel: float = number(
         0.15, 0.01, 1000.0, "an object that moved less is not worth learning from, m"
-    )
-    min_observed_points: int = number(
-        6,
-        3,
-        10000,
-        "points at 30 Hz that an object needs to be part of an observation; at another rate those "
-        "of the same time, at least 3",
     )
     max_duration: float = number(
         10.0, 0.1, 3600.0, "duration after which an observation is closed, s"

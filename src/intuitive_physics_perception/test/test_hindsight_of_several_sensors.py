@@ -9,8 +9,9 @@ import pytest
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
-from intuitive_physics_perception.detection.spheres import RecentFrame
 from intuitive_physics_perception.environment.environment_model import model_environment
+from intuitive_physics_perception.frame import Frame
+from intuitive_physics_perception.hindsight import Hindsight, RecentFrame
 from intuitive_physics_perception.scene import ModelledScene
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.tracker import Tracker
@@ -44,24 +45,26 @@ def scan(room, begin: float) -> tuple[np.ndarray, float]:
     return room.points([(flight(times[passed]), RADIUS)]), float(times[passed])
 
 
-class Hindsight:
+class TwoSensors:
     """A scene as one sensor sees it, in which another sensor detects the ball."""
 
     def __init__(self, room) -> None:
         self.room = room
         frames, rng = [room.points() for _ in range(4)], np.random.default_rng(0)
         model = model_environment(frames, SETTINGS, rng)
-        self.scene = ModelledScene(model, frames, SETTINGS, rng, 1)
+        self.stages = ModelledScene(model, frames, SETTINGS, rng).stages
+        self.tracker, self.hindsight = Tracker(self.stages.model.environment, SETTINGS), Hindsight()
 
     def place(self, time: float) -> np.ndarray:
-        model = self.scene.model
+        model = self.stages.model
         return self.room.to_camera(flight(time)) @ model.rotation.T + model.translation
 
     def keep(self, time: float, points: np.ndarray, offsets: np.ndarray | None) -> None:
         """Take a frame in which the ball is not yet apart from what releases it."""
-        clusters = self.scene.stages.clusters(points)
-        shown = self.scene.tracker.shown
-        self.scene.look_back(RecentFrame(time, points, clusters, offsets, shown), FrameBudget())
+        frame = Frame(time, points, offsets=offsets)
+        clusters = self.stages.clusters(points)
+        self.hindsight.keep(RecentFrame(frame, clusters, self.tracker.shown))
+        self.hindsight.search(self.tracker, self.stages, FrameBudget())
 
     def detect(self, times: list[float], delay: float) -> None:
         """Detect the ball at some times, s, `delay` s after the beginnings of frames."""
@@ -69,12 +72,12 @@ class Hindsight:
         for time in times:
             center = self.place(time) + rng.normal(0.0, 0.001, 3)
             seen = DetectedSphere(center, RADIUS, 0.001**2 * np.eye(4), 200, 2.0, delay=delay)
-            self.scene.tracker.update(time - delay, [seen])
+            self.tracker.update(time - delay, [seen])
 
     def found(self, time: float, points: np.ndarray, offsets: np.ndarray | None):
         """Take a last frame; return times (n,) s of what was found in earlier ones, and how far off
         (n,) m its places are from where the ball was then."""
-        (track,) = self.scene.tracker.tracks
+        (track,) = self.tracker.tracks
         known = {when for when, _ in track.detections}
         self.keep(time, points, offsets)
         earlier = [pair for pair in track.detections if pair[0] not in known]
@@ -85,7 +88,7 @@ class Hindsight:
 def test_a_camera_looks_where_a_ball_was_that_a_lidar_found(make_small_room) -> None:
     """The readings of a camera are of its stamps: in the 50 ms by which those of the LiDAR are
     late the ball flies 20 cm. What is found has the errors of one frame."""
-    scene = Hindsight(make_small_room(seed=2))
+    scene = TwoSensors(make_small_room(seed=2))
     stamps = FOUND - FRAME * np.arange(4, 0, -1)
     for time in stamps:
         scene.keep(time, scene.room.points([(flight(time), RADIUS)]), None)
@@ -98,7 +101,7 @@ def test_a_camera_looks_where_a_ball_was_that_a_lidar_found(make_small_room) -> 
 @pytest.mark.parametrize("begin", [0.0, 0.02, 0.04])
 def test_a_scan_shows_a_ball_that_a_camera_found_when_it_read_it(make_small_room, begin) -> None:
     """The readings of a scan are up to 0.1 s after its first, in which the ball flies 40 cm."""
-    scene = Hindsight(make_small_room(seed=2))
+    scene = TwoSensors(make_small_room(seed=2))
     offsets = offsets_of(scene.room)
     points, read = scan(scene.room, begin)
     scene.keep(begin, points, offsets)

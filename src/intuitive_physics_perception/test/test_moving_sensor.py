@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
-from intuitive_physics_perception.environment.environment_model import is_same_view
-from intuitive_physics_perception.pipeline import STANDING_TIME, PerceptionPipeline
+from intuitive_physics_perception.environment.standing import STANDING_TIME, is_same_view
+from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
 from .conftest import BallShape, BoxShape, CapsuleShape, CylinderShape

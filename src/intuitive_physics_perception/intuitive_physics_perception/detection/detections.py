@@ -9,6 +9,39 @@ from numpy.typing import NDArray
 
 from intuitive_physics.shapes import Box, Capsule
 
+NEW_READINGS = 0.5
+"""Part of a sphere's readings that must lie where nothing was before for it to be new in the scene,
+of those that lie where it is known whether something was."""
+
+TELLING = 0.25
+"""Part of a sphere's readings that must lie where that is known. Set by hand."""
+
+NEW_GOES_ON = 0.7
+"""Part of the ring round its outline in which the cluster of a new sphere may go on: each ball of
+its size that it touches covers 0.15, a hand more."""
+
+STATIC_GOES_ON = 0.13
+"""`NEW_GOES_ON` of a sphere that was there when the environment was modelled: 2 of 16 sectors, as
+where it touches one other thing."""
+
+STATIC_LEVEL = 0.25
+"""Part of the ring in which any surface may go on round such a sphere: the plane that a ball lies
+on does so in a fifth of it, seen from near."""
+
+CARRIED_LEVEL = 0.6
+"""The same round a sphere that lies on a plane: that goes on below it, in half of the ring as far
+as noise shows where it lies; round a bulge in a plane it does in all."""
+
+STATIC_ENDS = 0.3
+"""Part of the ring in which something must be read clearly behind such a sphere."""
+
+STATIC_VISIBLE = 0.9
+"""Part of the outline in which the surface of such a sphere must be seen; set on the real scenes
+for tuning of `make bench-perception`."""
+
+NEW_VISIBLE = 0.7
+"""The same of a new one: of a ball with a radius of four pixels 0.75 to 0.9 is seen."""
+
 
 @dataclass(frozen=True, eq=False)
 class Bulge:
@@ -54,6 +87,52 @@ class Outline:
     visible: float
     bulge: Bulge
     is_carried: bool = False
+
+    @property
+    def is_new(self) -> bool:
+        """Whether most of it, where that is known, lies where nothing was before."""
+        if self.new is None or self.known is None:
+            return False
+        telling = self.new + self.known
+        return telling >= TELLING and self.new > NEW_READINGS * telling
+
+    @property
+    def was_there(self) -> bool:
+        """Whether most of it lies where something was before."""
+        return self.known is not None and self.known > 0.5
+
+    def may_be_object(self, most_goes_on: float, *, is_object: bool) -> bool:
+        """Return whether a sphere may be an object of its own and not a part of something larger.
+
+        What has come where nothing was is most likely an object, and may touch others; so may what
+        is one by other frames, and comes where nobody has looked. What was there already, or is
+        first seen where nobody has looked, is most likely not, so it must end all round its outline
+        and be seen as a whole.
+
+        `most_goes_on`: part of the ring in which the cluster of what may touch others may go on;
+        `is_object`: whether other frames have shown that it is one.
+        """
+        if self.new is None or self.is_new or (is_object and not self.was_there):
+            return self.goes_on <= most_goes_on
+        return self.stands_apart
+
+    @property
+    def stands_apart(self) -> bool:
+        """Whether a sphere ends all round its outline and is seen as a whole.
+
+        A bulge of a plane ends nowhere, but a plane was there before what is new. Beside what stood
+        there before something must be read behind it; before the sky nothing is. The plane on which
+        a ball lies goes on round it where it is seen from above.
+        """
+        alone = self.goes_on <= STATIC_GOES_ON and self.level_off_planes <= STATIC_LEVEL
+        if self.is_new:
+            return alone and self.visible >= NEW_VISIBLE
+        return (
+            alone
+            and self.level <= (CARRIED_LEVEL if self.is_carried else STATIC_LEVEL)
+            and not (self.was_there and self.ends < STATIC_ENDS)
+            and self.visible >= STATIC_VISIBLE
+        )
 
 
 @dataclass(frozen=True, eq=False)

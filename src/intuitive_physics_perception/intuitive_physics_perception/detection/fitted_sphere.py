@@ -9,7 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics_perception.detection.cluster_view import ClusterView
-from intuitive_physics_perception.detection.detections import DetectedSphere, Outline, given_radius
+from intuitive_physics_perception.detection.detections import (
+    NEW_GOES_ON,
+    DetectedSphere,
+    Outline,
+    given_radius,
+)
 from intuitive_physics_perception.detection.sphere_fit import (
     SphereSolution,
     readings_beyond,
@@ -46,6 +51,21 @@ STRAY_SIGMAS = 5.0
 """Standard deviations of a ray's direction beyond a sphere's outline within which no other one is
 looked for: noise must not make a second sphere of what strays farthest."""
 
+MAX_MISFIT = 1.5
+"""Mean squared residual of a surface, in variances of the noise, at most."""
+
+MAX_RADIUS_UNCERTAINTY = 0.15
+"""Standard deviation of a fitted radius, in radii, that is still a sphere."""
+
+MIN_ON_SURFACE = 0.9
+"""Part of the readings in a sphere's outline that must lie on its surface."""
+
+MIN_VISIBLE = 0.45
+"""Part of a sphere's outline in which its surface must be seen."""
+
+MIN_PARTLY_VISIBLE = 0.15
+"""The same for a sphere that is hidden or cut off but densely seen."""
+
 MIN_DENSITY = 0.9
 """Part of the disc between readings on a partly visible sphere that must have readings: two scan
 lines of a LiDAR make at most 0.7, a sphere cut off by the image's edge makes 1."""
@@ -67,29 +87,6 @@ outlines seem larger or smaller than they are: a matching window lets the nearer
 grow by up to one pixel (root mean square 0.7 where every second camera does), mixed readings at
 edges take about as much away."""
 
-NEW_READINGS = 0.5
-"""Part of a sphere's readings that must lie where nothing was before for it to be new in the scene,
-of those that lie where it is known whether something was."""
-
-TELLING = 0.25
-"""Part of a sphere's readings that must lie where that is known. Set by hand."""
-
-NEW_GOES_ON = 0.7
-"""Part of the ring round its outline in which the cluster of a new sphere may go on: each ball of
-its size that it touches covers 0.15, a hand more."""
-
-STATIC_GOES_ON = 0.13
-"""`NEW_GOES_ON` of a sphere that was there when the environment was modelled: 2 of 16 sectors, as
-where it touches one other thing."""
-
-STATIC_LEVEL = 0.25
-"""Part of the ring in which any surface may go on round such a sphere: the plane that a ball lies
-on does so in a fifth of it, seen from near."""
-
-CARRIED_LEVEL = 0.6
-"""The same round a sphere that lies on a plane: that goes on below it, in half of the ring as far
-as noise shows where it lies; round a bulge in a plane it does in all."""
-
 CARRIER_COSINE = 0.94
 """Cosine of the steepest slope, 20°, of a plane that carries what lies on it."""
 
@@ -99,16 +96,6 @@ radius."""
 
 CARRIED_MARGIN = 0.1
 """Radii that are added to that, for planes that are not quite flat. Set by hand."""
-
-STATIC_ENDS = 0.3
-"""Part of the ring in which something must be read clearly behind such a sphere."""
-
-STATIC_VISIBLE = 0.9
-"""Part of the outline in which the surface of such a sphere must be seen; set on the real scenes
-for tuning of `make bench-perception`."""
-
-NEW_VISIBLE = 0.7
-"""The same of a new one: of a ball with a radius of four pixels 0.75 to 0.9 is seen."""
 
 SHAPE_MISFIT = 1.65
 """Mean squared error of the patches of a sphere's surface at most, in variances: three standard
@@ -405,7 +392,7 @@ class SphereFitter:
         beyond = readings_beyond(around, sphere, self.noise)
         noise = self.noise * [scale, scale, scale, 1.0]
         fit = refine_sphere(points, beyond, sphere, *limits, noise, sharing, growth)
-        if not fit.inliers or fit.misfit * scale > self._settings.max_misfit:
+        if not fit.inliers or fit.misfit * scale > MAX_MISFIT:
             return None
         freedom = fit.inliers / (1.0 + self._shared(part)) - 4.0
         return fit, scale * self._noise_scale(fit.misfit, freedom)
@@ -427,27 +414,27 @@ class SphereFitter:
         deviation = np.sqrt(fit.covariance[3, 3])
         return bool(
             settings.min_radius - deviation <= radius <= settings.max_radius + deviation
-            and (size_is_known or deviation <= settings.max_radius_uncertainty * radius)
+            and (size_is_known or deviation <= MAX_RADIUS_UNCERTAINTY * radius)
             and np.linalg.norm(fit.sphere[:3]) > radius + settings.min_range
         )
 
     def _inspected(
         self, view: ClusterView, fit: SphereFit, most_goes_on: float, *, is_object: bool
     ) -> DetectedSphere | None:
-        settings, sphere = self._settings, fit.sphere
+        sphere = fit.sphere
         around, each = view.around(sphere)
         inspection = inspect_sphere(around, sphere, self.noise)
-        enough = inspection.visible >= settings.min_visible_fraction or (
-            inspection.visible >= settings.min_partly_visible and inspection.density >= MIN_DENSITY
+        enough = inspection.visible >= MIN_VISIBLE or (
+            inspection.visible >= MIN_PARTLY_VISIBLE and inspection.density >= MIN_DENSITY
         )
         if (
-            each * inspection.on < settings.min_points
-            or inspection.on < settings.min_surface_fraction * (inspection.on + inspection.against)
+            each * inspection.on < self._settings.min_points
+            or inspection.on < MIN_ON_SURFACE * (inspection.on + inspection.against)
             or not enough
         ):
             return None
         outline = self._outline(view, fit, inspection.visible)
-        if outline is None or not _may_be_object(outline, most_goes_on, is_object=is_object):
+        if outline is None or not outline.may_be_object(most_goes_on, is_object=is_object):
             return None
         return DetectedSphere(
             sphere[:3],
@@ -509,46 +496,3 @@ class SphereFitter:
         shared = np.minimum(1.0 + self._sharing / each, readings)
         unevenness = UNEVENNESS * float(fit.sphere[3])
         return np.asarray(fit.noise_scale * variances * shared / readings + unevenness**2)
-
-
-def _may_be_object(outline: Outline, most_goes_on: float, *, is_object: bool) -> bool:
-    """Whether a sphere may be an object of its own and not a part of something larger.
-
-    What has come where nothing was is most likely an object, and may touch others; so may what is
-    one by other frames, and comes where nobody has looked. What was there already, or is first seen
-    where nobody has looked, is most likely not, so it must end all round its outline and be seen as
-    a whole.
-    """
-    if outline.new is None or _is_new(outline) or (is_object and not was_there(outline)):
-        return outline.goes_on <= most_goes_on
-    return stands_apart(outline)
-
-
-def was_there(outline: Outline) -> bool:
-    """Return whether most of a sphere lies where something was before."""
-    return outline.known is not None and outline.known > 0.5
-
-
-def _is_new(outline: Outline) -> bool:
-    if outline.new is None or outline.known is None:
-        return False
-    telling = outline.new + outline.known
-    return telling >= TELLING and outline.new > NEW_READINGS * telling
-
-
-def stands_apart(outline: Outline) -> bool:
-    """Return whether a sphere ends all round its outline and is seen as a whole.
-
-    A bulge of a plane ends nowhere, but a plane was there before what is new. Beside what stood
-    there before something must be read behind it; before the sky nothing is. The plane on which a
-    ball lies goes on round it where it is seen from above.
-    """
-    alone = outline.goes_on <= STATIC_GOES_ON and outline.level_off_planes <= STATIC_LEVEL
-    if _is_new(outline):
-        return alone and outline.visible >= NEW_VISIBLE
-    return (
-        alone
-        and outline.level <= (CARRIED_LEVEL if outline.is_carried else STATIC_LEVEL)
-        and not (was_there(outline) and outline.ends < STATIC_ENDS)
-        and outline.visible >= STATIC_VISIBLE
-    )

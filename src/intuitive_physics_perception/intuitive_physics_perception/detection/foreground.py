@@ -23,6 +23,9 @@ JUMP = 0.02
 JUMP_SIGMAS = 6.0
 """Standard deviations of the range that are added to that difference."""
 
+CLUSTER_ANGLE = 0.04
+"""Gap between neighbours in a cloud that is not organised, rad."""
+
 LINES_APART = 1.2
 """Angles between the lines of a scanner up to which readings are neighbours: on a surface that is
 slanted across the lines their ranges differ, too. Set by hand."""
@@ -74,9 +77,9 @@ class ForegroundFinder:
     What came where nothing was makes clusters of its own, so that what lies or flies close before
     something else is separated from it.
 
-    `before` (height, width) m, what each pixel of an organised cloud read when the environment was
-    modelled, NaN where nothing was; None where readings have no fixed rays; `space`: what is known
-    of the space, for these; None where nothing is.
+    It decides what is new. `before` (height, width) m, what each pixel of an organised cloud read
+    when the environment was modelled, NaN where nothing was, decides of the same rays; `space`,
+    what is known of the space, of all others. None where nothing is known.
     """
 
     def __init__(
@@ -86,17 +89,28 @@ class ForegroundFinder:
         before: NDArray[np.float32] | None = None,
         space: KnownSpace | None = None,
     ) -> None:
-        self._model = model
         self._settings = settings
         self._space = space
-        # A sensor that has come behind a plane sees nothing of it.
-        planes = [plane for plane in model.detected if plane.offset < 0.0]
-        self._planes = RayPlanes(planes, model.noise, settings)
         self._limits = limits_of(model.noise, settings)
         self._free = np.zeros((0, 0), dtype=np.float32)
         self._known = np.zeros((0, 0), dtype=bool)
         self._changes = None if before is None else changed_ranges(before, model.noise)
+        self.look_from(model, has_moved=False)
+
+    def look_from(self, model: EnvironmentModel, *, has_moved: bool) -> None:
+        """Take the same environment as the sensor sees it now, and whether pixels have other rays
+        than where it was modelled."""
+        self._model = model
+        # A sensor that has come behind a plane sees nothing of it.
+        planes = [plane for plane in model.detected if plane.offset < 0.0]
+        self._planes = RayPlanes(planes, model.noise, self._settings)
+        self._map = self._space if has_moved or self._changes is None else None
         self._objects = np.zeros(0, dtype=np.int64)
+
+    @property
+    def asks_map(self) -> bool:
+        """Whether the map of the space decides what is new."""
+        return self._map is not None
 
     def expect_objects(self, pixels: Sequence[NDArray[np.int64]]) -> None:
         """Take which pixels, (n,) of each object, of an organised frame showed objects: in the next
@@ -109,11 +123,7 @@ class ForegroundFinder:
 
     def find(self, points: NDArray[np.float32]) -> Clusters:
         """Cluster the foreground of a frame of points (height, width, 3)."""
-        if points.shape[0] > 1 and self._space is None:
-            marks, readings, is_known = self._marks_of_pixels(points)
-        else:
-            marks, readings = self._marks_of_readings(points)
-            is_known = self._space is not None
+        marks, readings, is_known = self._marks(points)
         groups = np.minimum(marks, NEW)
         fresh = marks == NEW
         if is_known and self._objects.size and points.shape[0] > 1:
@@ -129,38 +139,22 @@ class ForegroundFinder:
             indices, new, int(np.count_nonzero(marks)), readings, marks if is_known else None
         )
 
-    def _marks_of_pixels(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], int, bool]:
-        """Marks (height, width) of pixels whose rays stay, the number of readings, and whether
-        anything is known of the pixels; where nothing is, all are KNOWN."""
-        free, changes = self._free_of(points), self._changes
-        is_known = changes is not None and changes.shape == free.shape
-        marks, readings = _foreground(
-            points, free, changes if is_known else np.zeros_like(free), self._limits
-        )
-        return marks, readings, is_known
-
-    def _marks_of_readings(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], int]:
-        """Marks (height, width) of readings with rays of their own; all KNOWN where nothing is
-        known."""
-        flat, space = points.reshape(-1, 3), self._space
-        before, readings = self._planes.readings_before(flat, continued=space is not None)
+    def _marks(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], int, bool]:
+        """Marks (height, width) of what lies before all planes, the number of readings, and whether
+        anything is known of the space; where nothing is, all that lies there is KNOWN."""
+        if points.shape[0] > 1 and self._map is None:
+            free, changes = self._free_of(points), self._changes
+            is_known = changes is not None and changes.shape == free.shape
+            limits = changes if is_known else np.zeros_like(free)
+            marks, readings = _foreground(points, free, limits, self._limits)
+            return marks, readings, is_known
+        flat, is_known = points.reshape(-1, 3), self._map is not None
+        before, readings = self._planes.readings_before(flat, continued=is_known)
         marks = np.zeros(len(flat), dtype=np.uint8)
         marks[before] = (
-            KNOWN if space is None else space.marks(flat[before], self._model.sensor_pose)
+            KNOWN if self._map is None else self._map.marks(flat[before], self._model.sensor_pose)
         )
-        return marks.reshape(points.shape[:2]), readings
-
-    def _clusters(
-        self, points: NDArray[np.float32], groups: NDArray[np.uint8]
-    ) -> list[NDArray[np.int64]]:
-        if points.shape[0] > 1:
-            return self._organised_clusters(points, groups)
-        parts = [
-            cluster
-            for group in (KNOWN, NEW)
-            for cluster in self._unorganised_clusters(points[0], np.flatnonzero(groups == group))
-        ]
-        return sorted(parts, key=len, reverse=True)
+        return marks.reshape(points.shape[:2]), readings, is_known
 
     def _free_of(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
         """Squared range at which each ray comes to a plane, (height, width) m².
@@ -176,30 +170,23 @@ class ForegroundFinder:
             self._known |= new
         return self._free
 
-    def _organised_clusters(
-        self, points: NDArray[np.float32], mask: NDArray[np.uint8]
+    def _clusters(
+        self, points: NDArray[np.float32], groups: NDArray[np.uint8]
     ) -> list[NDArray[np.int64]]:
-        order, starts = grid_clusters(
-            points,
-            mask,
-            self._limits,
-            JUMP,
-            JUMP_SIGMAS,
-            self._settings.min_points,
-        )
-        parts = [order[a:b] for a, b in pairwise(starts)]
+        """Indices (n,) of each cluster, largest first, of points of one group, (height, width)."""
+        fewest = self._settings.min_points
+        parts: list[NDArray[np.int64]] = []
+        if points.shape[0] > 1:
+            order, starts = grid_clusters(points, groups, self._limits, JUMP, JUMP_SIGMAS, fewest)
+            parts = [order[a:b] for a, b in pairwise(starts)]
+        else:
+            gap = max(CLUSTER_ANGLE, LINES_APART * self._model.noise.between_lines)
+            for group in (KNOWN, NEW):
+                indices = np.flatnonzero(groups == group)
+                labels = neighbour_labels(points[0, indices].astype(np.float64), gap)
+                sizes = np.bincount(labels, minlength=1)
+                parts += [indices[labels == k] for k in np.flatnonzero(sizes >= fewest)]
         return sorted(parts, key=len, reverse=True)
-
-    def _unorganised_clusters(
-        self, points: NDArray[np.float32], indices: NDArray[np.int64]
-    ) -> list[NDArray[np.int64]]:
-        gap = max(self._settings.cluster_angle, LINES_APART * self._model.noise.between_lines)
-        labels = neighbour_labels(points[indices].astype(np.float64), gap)
-        sizes = np.bincount(labels, minlength=1)
-        largest_first = np.argsort(-sizes, kind="stable")
-        return [
-            indices[labels == k] for k in largest_first if sizes[k] >= self._settings.min_points
-        ]
 
 
 def changed_ranges(before: NDArray[np.float32], noise: RangeNoise) -> NDArray[np.float32]:

@@ -20,10 +20,14 @@ from intuitive_physics_perception.detection.detections import (
     Detection,
     without_doubles,
 )
+from intuitive_physics_perception.detection.fitted_sphere import MAX_MISFIT
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.spheres import PIXELS_REACH, ClusterSpheres
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.settings import PerceptionSettings
+
+FEWEST_POINTS = 120
+"""Points that a box or capsule needs at least."""
 
 FITTED_POINTS = 500
 """Points that a box or capsule is fitted to."""
@@ -96,7 +100,7 @@ class SolidFinder:
 
     def _may_be_whole(self, points: NDArray[np.float32], cluster: NDArray[np.int64]) -> bool:
         """Large enough to show faces, small enough, and not cut off by the image's edge."""
-        if len(cluster) < self._settings.min_solid_points:
+        if len(cluster) < FEWEST_POINTS:
             return False
         height, width = points.shape[:2]
         if height > 1:
@@ -118,7 +122,7 @@ class SolidFinder:
             fit
             for fit in (capsule, box)
             if fit is not None
-            and fit.misfit < self._settings.max_misfit
+            and fit.misfit < MAX_MISFIT
             and self._settings.min_radius <= fit.radius
             and fit.shape.bounding_radius <= 0.5 * self._settings.max_solid_size
             and not self._is_static(fit)

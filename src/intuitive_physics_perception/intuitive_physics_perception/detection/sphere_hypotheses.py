@@ -32,6 +32,9 @@ from intuitive_physics_perception.settings import PerceptionSettings
 SCORED_POINTS = 512
 """Points that hypotheses are scored on."""
 
+MOST_HYPOTHESES = 192
+"""Random spheres that are tried on a cluster at most."""
+
 REFINED_HYPOTHESES = 8
 """Random hypotheses that are fitted at most: those that several touching spheres make together have
 the best scores."""
@@ -156,7 +159,7 @@ class SphereHypotheses:
             scored,
             limits,
             self._fitter.noise,
-            self._settings.hypotheses,
+            MOST_HYPOTHESES,
             self._rng,
             budget,
         )

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import zip_longest
 from typing import Any
 
@@ -19,14 +17,13 @@ from intuitive_physics_perception.detection.cluster_memory import (
     RememberedCluster,
 )
 from intuitive_physics_perception.detection.cluster_view import ClusterView
-from intuitive_physics_perception.detection.detections import DetectedSphere
+from intuitive_physics_perception.detection.detections import NEW_GOES_ON, DetectedSphere
 from intuitive_physics_perception.detection.fitted_sphere import (
     EXPECTED_REACH,
-    NEW_GOES_ON,
+    MIN_PARTLY_VISIBLE,
     STRAY_SIGMAS,
     SphereFitter,
     Start,
-    was_there,
 )
 from intuitive_physics_perception.detection.foreground import Clusters
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
@@ -85,80 +82,6 @@ class Candidate:
     sphere: DetectedSphere
     start: Start
     must_end: bool
-
-
-@dataclass(frozen=True, eq=False)
-class RecentFrame:
-    """A frame of one sensor in which what is found only later was there already.
-
-    Parameters
-    ----------
-    time : s, of its first reading
-    points : (height, width, 3) m in the sensor's frame, NaN where nothing was read
-    clusters : of what is new in it
-    offsets : (height, width) s, time of each reading after `time`; None: all are of that time
-    shown : numbers of the tracks that were seen in it
-    """
-
-    time: float
-    points: NDArray[np.float32]
-    clusters: Clusters
-    offsets: NDArray[np.float32] | None = None
-    shown: frozenset[int] = frozenset()
-
-    def time_towards(self, place: NDArray[np.float64]) -> float:
-        """Return the time, s, of the reading that lies nearest to the direction of a place (3,) m
-        in the sensor's frame."""
-        if self.offsets is None:
-            return self.time
-        nearest = np.argmax(self._directions @ place.astype(np.float32))
-        return self.time + float(self.offsets.flat[nearest])
-
-    @cached_property
-    def _directions(self) -> NDArray[np.float32]:
-        """Unit vectors (height, width, 3) to the readings, zero where nothing was read."""
-        ranges = np.linalg.norm(self.points, axis=2, keepdims=True)
-        return np.nan_to_num(self.points / ranges)
-
-    def time_of(self, sphere: DetectedSphere) -> float:
-        """Return the mean time, s, of the readings on a sphere in the sensor's frame."""
-        if self.offsets is None:
-            return self.time
-        away = np.linalg.norm(self.points - sphere.center.astype(np.float32), axis=2)
-        on_it = away < PIXELS_REACH * sphere.radius
-        if not on_it.any():
-            return self.time_towards(sphere.center)
-        return self.time + float(self.offsets[on_it].mean())
-
-
-class RecentFrames:
-    """The newest frames of one sensor.
-
-    `duration` in s for which a frame is kept.
-    """
-
-    def __init__(self, duration: float) -> None:
-        self._duration = duration
-        self._frames: deque[RecentFrame] = deque()
-
-    def keep(self, frame: RecentFrame) -> None:
-        """Keep a frame."""
-        self._frames.append(frame)
-        while self._frames[0].time < frame.time - self._duration:
-            self._frames.popleft()
-
-    def forget(self) -> None:
-        """Forget all frames: the sensor has moved, or time has gone back."""
-        self._frames.clear()
-
-    def before(self, time: float, number: int) -> RecentFrame | None:
-        """Return the newest frame before a time, s, in which a track was not seen, None where none
-        is kept.
-
-        `number`: of the track.
-        """
-        frames = reversed(self._frames)
-        return next((f for f in frames if f.time < time and number not in f.shown), None)
 
 
 class SphereFinder:
@@ -287,7 +210,7 @@ class SphereFinder:
             sphere
             for sphere in part.spheres
             if sphere.outline is None
-            or not was_there(sphere.outline)
+            or not sphere.outline.was_there
             or self._static.is_trusted(sphere)
         ]
         return replace(part, spheres=balls, rest=part.rest if balls else 1.0)
@@ -396,8 +319,7 @@ class SphereFinder:
     def _fewest(self, view: ClusterView, sphere: NDArray[np.float64]) -> float:
         """Points below which a cluster is far too little of a sphere to be seen as one: a cheap
         test before the fit."""
-        least = min(self._settings.min_visible_fraction, self._settings.min_partly_visible)
-        return ROUGHLY_SEEN * least * view.readings_in_outline(sphere)
+        return ROUGHLY_SEEN * MIN_PARTLY_VISIBLE * view.readings_in_outline(sphere)
 
 
 def _in_turn(

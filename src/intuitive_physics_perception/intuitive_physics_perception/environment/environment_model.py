@@ -14,7 +14,12 @@ from intuitive_physics.frames.change_of_frame import RigidTransform, environment
 from intuitive_physics.geometry.polygons import clip_polygon
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_perception.environment.fusion import MAX_EDGE_POINTS, fuse
-from intuitive_physics_perception.environment.gravity import Upward, facing, upright
+from intuitive_physics_perception.environment.gravity import (
+    UP_TOLERANCE,
+    Upward,
+    facing,
+    upright,
+)
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.plane_edges import with_edges
 from intuitive_physics_perception.environment.planes import DetectedPlane, detect_planes
@@ -33,10 +38,6 @@ too few show no plane. Set by hand."""
 VERTICAL_VIEW_COSINE = float(np.cos(np.radians(10.0)))
 """Cosine of the angle between optical axis and vertical below which the view counts as vertical:
 the horizontal part of the optical axis is then too short to give a direction. Set by hand."""
-
-VIEW_DISTANCE = 2.0
-"""Distance, m, at which a turn of the sensor counts as a shift. Our choice: objects that are
-perceived well are about as far."""
 
 
 class NoEnvironmentError(IntuitivePhysicsError):
@@ -161,12 +162,6 @@ def _within_boundary(hull: NDArray[np.float64], plane: Plane) -> NDArray[np.floa
     return hull
 
 
-def is_same_view(way: RigidTransform, noise: RangeNoise) -> bool:
-    """Return whether a sensor has moved by less than what its readings' noise hides."""
-    shift, angle = RigidTransform().difference(way)
-    return bool(shift + VIEW_DISTANCE * angle < noise.deviation(VIEW_DISTANCE))
-
-
 def model_environment(
     frames: Sequence[NDArray[np.float32]],
     settings: PerceptionSettings,
@@ -234,22 +229,31 @@ def revised_environment(
     frame: NDArray[np.float32],
     settings: PerceptionSettings,
     rng: np.random.Generator,
-) -> EnvironmentModel | None:
+) -> EnvironmentModel:
     """Model the planes again where the sensor still stands as it did.
 
     A plane that is still there keeps its id and its place, so that the frame stays; where it ends
     is determined again.
 
     `frame` (height, width, 3) m, what has been seen for some time, NaN where nothing was read.
-    The result has no static boxes. Returns None where the support has gone or come, and with
-    it the frame.
+    The result has no static boxes.
+
+    Raises
+    ------
+    NoEnvironmentError
+        When the support has gone or come, and with it the frame.
     """
     points = fuse([frame], settings, rng)
     old_planes = {plane.numbers.tobytes(): plane.numbers for plane in model.detected}
     planes = detect_planes(points, model.noise, settings, rng, list(old_planes.values()))
     planes, names = _named(planes, model)
-    if model.has_support != _supports(planes, names, model, settings):
-        return None
+    if model.has_support:
+        is_supported = "plane_0" in names
+    else:
+        is_supported = facing(planes, model.rotation[2]) is not None
+    if model.has_support != is_supported:
+        change = "gone" if model.has_support else "come"
+        raise NoEnvironmentError(f"the support has {change}: the environment is modelled again")
     cloud = RangeCloud.of_scene(
         fuse([frame], settings, rng, MAX_EDGE_POINTS), model.noise, settings
     )
@@ -261,18 +265,6 @@ def revised_environment(
     )
     agreement = RayPlanes(planes, model.noise, settings).agreement(points.astype(np.float32))
     return replace(model, environment=environment, detected=tuple(planes), agreement=agreement)
-
-
-def _supports(
-    planes: Sequence[DetectedPlane],
-    names: Sequence[str],
-    model: EnvironmentModel,
-    settings: PerceptionSettings,
-) -> bool:
-    """Whether the support is there; or, where there was none, whether a plane could be one."""
-    if model.has_support:
-        return "plane_0" in names
-    return facing(planes, model.rotation[2], settings.up_hint_tolerance) is not None
 
 
 def _named(
@@ -347,7 +339,7 @@ def _upward(
     if given is None:
         return Upward(planes[0].normal, tuple(planes), True)
     direction = np.asarray(given, dtype=np.float64)
-    sorted_planes = facing(planes, direction, settings.up_hint_tolerance)
+    sorted_planes = facing(planes, direction)
     if sorted_planes is not None:
         return Upward(sorted_planes[0].normal if up is None else direction, sorted_planes, True)
     if measured and organised:
@@ -355,7 +347,7 @@ def _upward(
     named = ", ".join(f"{x:.2f}" for x in direction)
     raise NoEnvironmentError(
         f"none of {len(planes)} planes faces up, ({named}) in the sensor's frame, within "
-        f"{settings.up_hint_tolerance:g}°; expected a floor or table: correct up_hint, or the "
+        f"{UP_TOLERANCE:g}°; expected a floor or table: correct up_hint, or the "
         "orientation of the IMU"
     )
 

@@ -23,6 +23,9 @@ MAX_TILT = 65.0
 """Tilt of the camera at most, degrees: one that looks down more steeply sees a floor as one that
 looks ahead sees a wall."""
 
+UP_TOLERANCE = 20.0
+"""Angle between up, as it is given or measured, and the normal of the support at most, degrees."""
+
 MIN_WIDTH = 1.2
 """Width at least of a support that is not the largest plane, m: the side of a box is narrower."""
 
@@ -96,14 +99,14 @@ class Upward:
 
 
 def facing(
-    planes: Sequence[DetectedPlane], up: NDArray[np.float64], tolerance: float
+    planes: Sequence[DetectedPlane], up: NDArray[np.float64]
 ) -> tuple[DetectedPlane, ...] | None:
     """Return planes, first the largest that faces up; None where none does.
 
-    `up` (3,) unit vector in the sensor's frame; `tolerance` in degrees between up and its normal.
+    `up` (3,) unit vector in the sensor's frame.
     """
     for plane in planes:
-        if plane.normal @ up >= np.cos(np.radians(tolerance)):
+        if plane.normal @ up >= np.cos(np.radians(UP_TOLERANCE)):
             return _with_first(planes, plane)
     return None
 

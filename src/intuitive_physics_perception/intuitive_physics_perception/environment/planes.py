@@ -28,6 +28,9 @@ from intuitive_physics_perception.environment.range_cloud import (
 )
 from intuitive_physics_perception.settings import PerceptionSettings
 
+MOST_PLANES = 8
+"""Planes that are looked for at most."""
+
 SCORED_POINTS = 1500
 """Points that each hypothesis is scored on."""
 
@@ -186,7 +189,7 @@ def detect_planes(
     for candidate in candidates:
         free &= ~cloud.near(candidate)
     # A plane that is found twice is merged, so a few more searches than planes are allowed.
-    for _ in range(2 * settings.max_planes):
+    for _ in range(2 * MOST_PLANES):
         plane = _best_plane(cloud, np.flatnonzero(free), needed, rng)
         if plane is None:
             break
@@ -202,7 +205,7 @@ def detect_planes(
     ]
     planes = _with_relief(cloud, planes, needed, merged[:fixed])
     planes.sort(key=lambda plane: -plane.support)
-    return planes[: settings.max_planes]
+    return planes[:MOST_PLANES]
 
 
 def _best_plane(

@@ -20,6 +20,9 @@ COME_TIME = 3.0
 """Time for which something nearer stays, and is no object, until it is a part of the environment,
 s: people and hands seldom hold still that long."""
 
+LOOK_EVERY = 0.25
+"""Time, s, between two checks for changes: half of the shortest time of a change."""
+
 CHANGED_PIXELS = 12.0
 """Side of a square of pixels that a change must fill: the face of a box of 4 cm, the smallest that
 is modelled, at 1.7 m from a camera of 525 pixels focal length."""
@@ -60,6 +63,7 @@ class SettledView:
         self._since = np.zeros((height, width), dtype=np.float64)
         self._counts = np.zeros((height, width), dtype=np.int32)
         self._next_row = 0
+        self._next_look, self._changed_since = -np.inf, np.inf
 
     def take(
         self, points: NDArray[np.float32], time: float, objects: Sequence[NDArray[np.int64]]
@@ -102,16 +106,32 @@ class SettledView:
         blobs = binary_erosion(self._changed(time, ROWS_APART), np.ones((side, side), dtype=bool))
         return bool(blobs.any())
 
-    def take_reference(self, points: NDArray[np.float32]) -> None:
-        """Take a new reference, from which the environment has been modelled again.
+    def must_be_modelled(self, time: float) -> bool:
+        """Return whether something has changed, and all that has had time to settle.
 
-        `points` (height, width, 3) m, NaN where nothing was read.
+        `time` in s, of the last frame.
+        """
+        if time < self._next_look:
+            return False
+        self._next_look = time + LOOK_EVERY
+        if not self.has_changed(time):
+            self._changed_since = np.inf
+            return False
+        self._changed_since = min(self._changed_since, time)
+        return time - self._changed_since >= GONE_TIME
+
+    def take_reference(self, points: NDArray[np.float32], time: float) -> None:
+        """Take a new reference, from which the environment is modelled again.
+
+        `points` (height, width, 3) m, NaN where nothing was read; `time` in s, of the last frame.
         """
         self._reference = points.copy()
+        self._next_look, self._changed_since = time + GONE_TIME, np.inf
 
     def restart(self) -> None:
         """Forget since when readings have stayed; the reference remains."""
         self._counts[:] = 0
+        self._next_look, self._changed_since = -np.inf, np.inf
 
     def _changed(self, time: float, stride: int) -> NDArray[np.bool_]:
         """Mark, of every `stride`-th pixel in both directions, those that have settled

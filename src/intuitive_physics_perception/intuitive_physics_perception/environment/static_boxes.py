@@ -276,12 +276,16 @@ class StaticBoxFilter:
     """Knows the static boxes of one environment again."""
 
     def __init__(self, model: EnvironmentModel, settings: PerceptionSettings) -> None:
-        self._model = model
         self._settings = settings
         boxes = model.environment.boxes
         self._centers = np.array([box.center for box in boxes]).reshape(-1, 3)
         self._rotations = np.array([rotation_matrix(box.orientation) for box in boxes])
         self._halves = 0.5 * np.array([box.edge_lengths for box in boxes]).reshape(-1, 3)
+        self.look_from(model)
+
+    def look_from(self, model: EnvironmentModel) -> None:
+        """Take the same environment as the sensor sees it now."""
+        self._model = model
 
     def without(self, points: NDArray[np.float32], clusters: Clusters) -> Clusters:
         """Return clusters of a frame of points (height, width, 3) less those that are a box."""

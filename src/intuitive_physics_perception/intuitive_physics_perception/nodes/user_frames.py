@@ -19,10 +19,8 @@ from intuitive_physics.frames.change_of_frame import (
 from intuitive_physics.observation import Detections, Observation
 from intuitive_physics.scene import Environment
 from intuitive_physics.state import ObjectState
-from intuitive_physics_perception.environment.environment_model import (
-    EnvironmentModel,
-    is_same_view,
-)
+from intuitive_physics_perception.environment.environment_model import EnvironmentModel
+from intuitive_physics_perception.environment.standing import is_same_view
 from intuitive_physics_perception.input.reading_times import as_of_start
 from intuitive_physics_ros.conversions import seconds_from_stamp, stamp_from_seconds
 from intuitive_physics_ros.diagnostics import Level, Status

@@ -32,6 +32,10 @@ from intuitive_physics_perception.tracking.track import (
     path_of,
 )
 
+FEWEST_POINTS = 6
+"""Points at 30 Hz that an object needs to be part of an observation; at another rate those of the
+same time, and at least three."""
+
 PATH_WIDENING = 1.5
 """Multiple of the largest standard deviation where an object was seen, up to which its smoothed
 path is part of an observation where it was not."""
@@ -243,7 +247,7 @@ def _is_worth(record: Record, settings: PerceptionSettings) -> bool:
     times = record.times
     return (
         len(times) >= 3
-        and times[-1] - times[0] >= lasting(settings.min_observed_points)
+        and times[-1] - times[0] >= lasting(FEWEST_POINTS)
         and record.travel >= settings.min_travel
     )
 

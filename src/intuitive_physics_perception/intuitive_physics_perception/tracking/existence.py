@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from intuitive_physics_perception.detection.detections import DetectedSphere, Detection
-from intuitive_physics_perception.detection.fitted_sphere import stands_apart
 
 APART = float(np.log(0.98 / 0.17))
 """Log of the likelihood ratio of a sphere that stands apart, in nats: of balls that were rendered
@@ -45,7 +44,7 @@ def evidence_of_outline(detection: Detection) -> float:
     What was fitted as a whole, as boxes and capsules are, stands apart.
     """
     outline = detection.outline if isinstance(detection, DetectedSphere) else None
-    return APART if outline is None or stands_apart(outline) else NOT_APART
+    return APART if outline is None or outline.stands_apart else NOT_APART
 
 
 def evidence_of_shape(detections: Sequence[Detection]) -> float:

@@ -31,6 +31,9 @@ SUPPORT_SPEED = 0.25
 """Normal speed up to which an object stays on a plane, m/s: what is left of such a bounce is a hop
 of millimetres."""
 
+BOUNCE_RESTITUTION = 0.6
+"""Restitution that is expected of a bounce of which nothing is known."""
+
 NORMAL_UNCERTAINTY = 0.35
 """Standard deviation of the normal velocity after a bounce, as a part of the normal speed before
 it: what another restitution could make of it."""
@@ -95,8 +98,8 @@ def predicted(
     duration: float,
     environment: Environment,
     *,
-    restitution: float,
     acceleration_noise: float,
+    restitution: float = BOUNCE_RESTITUTION,
     rolls: bool = True,
 ) -> Prediction:
     """Return a ball `duration` s later.

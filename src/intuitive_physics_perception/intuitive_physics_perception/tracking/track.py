@@ -315,7 +315,6 @@ class TrackFilter:
                 track.covariance,
                 duration,
                 self._environment,
-                restitution=self._settings.bounce_restitution,
                 acceleration_noise=self._settings.acceleration_noise,
                 rolls=track.attitude is None,
             )

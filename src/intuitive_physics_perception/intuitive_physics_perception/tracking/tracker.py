@@ -61,6 +61,12 @@ MAX_COLOR_COST = 25.0
 """Largest cost of another colour, in variances of position: a shadow costs no more than to be five
 standard deviations off."""
 
+CONFIRMING_HITS = 3
+"""Detections at 30 Hz that make a track an object; at another rate those of the same time."""
+
+COAST_TIME = 0.25
+"""A track unseen for longer is closed, s."""
+
 TENTATIVE_TIME = 0.08
 """A track that is not confirmed and unseen for longer is closed, s: at 30 Hz one frame may miss
 it."""
@@ -89,7 +95,7 @@ SHORTEST_BASE = 0.002
 time. Set by hand: of one camera, frames are farther apart up to 500 Hz."""
 
 RECOGNITION_PATIENCE = 4
-"""Multiple of `confirming_hits` after which a track is confirmed though its radius does not yet
+"""Multiple of `CONFIRMING_HITS` after which a track is confirmed though its radius does not yet
 distinguish known objects."""
 
 SMALLEST_LOG_DETERMINANT = -80.0
@@ -391,7 +397,7 @@ class Tracker:
         likely = np.full((len(tracks), len(detections)), np.inf)
         possible = likely.copy()
         parts: dict[tuple[int, int], Detection] = {}
-        doubted = lasting(self._settings.confirming_hits)
+        doubted = lasting(CONFIRMING_HITS)
         for k, track in enumerate(tracks):
             for n, seen in enumerate(detections):
                 detection = as_part_of(track, seen, doubted)
@@ -458,14 +464,14 @@ class Tracker:
         # At a low rate the next frame may be the first that could have shown it again.
         if not track.confirmed and track.missed and unseen > TENTATIVE_TIME:
             return True
-        return unseen > self._settings.coast_time
+        return unseen > COAST_TIME
 
     def _was_no_ball(self, track: Track) -> bool:
         """Whether it was the end of a capsule, whose side has been seen long enough to be sure:
         then nothing is learned from it."""
         return (
             track.kind == "sphere"
-            and track.time - track.last_seen > lasting(self._settings.confirming_hits + 1)
+            and track.time - track.last_seen > lasting(CONFIRMING_HITS + 1)
             and is_in_capsule(track.mean[POSITION], self.tracks)
         )
 
@@ -539,11 +545,11 @@ def settle(track: Track, settings: PerceptionSettings, newest: Detection | None 
 def _is_settled(track: Track, settings: PerceptionSettings) -> bool:
     """Whether it was seen often enough, and its radius distinguishes known objects."""
     deviation = np.sqrt(track.radius_variance)
-    return track.seen_time >= lasting(settings.confirming_hits) and (
+    return track.seen_time >= lasting(CONFIRMING_HITS) and (
         not settings.known_objects
         or track.attitude is not None
         or 2.0 * deviation < settings.known_object_tolerance
-        or track.seen_time >= lasting(RECOGNITION_PATIENCE * settings.confirming_hits)
+        or track.seen_time >= lasting(RECOGNITION_PATIENCE * CONFIRMING_HITS)
     )
 
 

@@ -14,7 +14,7 @@ from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import EpisodeRecorder, observations_of
 from intuitive_physics_perception.tracking.free_motion import FreeMotion, Record
-from intuitive_physics_perception.tracking.tracker import Tracker
+from intuitive_physics_perception.tracking.tracker import COAST_TIME, Tracker
 
 FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
 SETTINGS = PerceptionSettings()
@@ -146,7 +146,7 @@ def test_an_observation_is_closed_when_the_ball_leaves(rng, bounce) -> None:
     path = bounce(times, (0, 0, 0.5), (1.0, 0, 1.0), RADIUS)
     path[times > 1.0] = np.nan
     ((closed, observation),) = run(rng, [path], times)
-    assert closed == pytest.approx(1.0 + SETTINGS.coast_time, abs=2 * STEP)
+    assert closed == pytest.approx(1.0 + COAST_TIME, abs=2 * STEP)
     assert observation.start_time == 0.0
     assert len(observation.objects[0].trajectory) == int((times <= 1.0).sum())
 

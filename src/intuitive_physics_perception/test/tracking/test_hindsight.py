@@ -10,7 +10,9 @@ from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.fitted_sphere import Start
 from intuitive_physics_perception.detection.foreground import Clusters, ForegroundFinder
-from intuitive_physics_perception.detection.spheres import RecentFrame, RecentFrames, SphereFinder
+from intuitive_physics_perception.detection.spheres import SphereFinder
+from intuitive_physics_perception.frame import Frame
+from intuitive_physics_perception.hindsight import HINDSIGHT, Hindsight, RecentFrame
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.tracker import Tracker
 
@@ -49,18 +51,16 @@ def test_a_track_is_as_if_it_had_been_followed_from_the_start(earlier: int, late
     assert track.moving_since == 0.0
 
 
-@given(
-    st.lists(st.floats(0.01, 0.1), min_size=1, max_size=30), st.floats(0.0, 1.0), st.floats(0, 3)
-)
-def test_frames_are_kept_for_their_time(steps: list[float], duration: float, asked: float) -> None:
-    recent, times = RecentFrames(duration), np.cumsum(steps)
+@given(st.lists(st.floats(0.01, 0.1), min_size=1, max_size=30), st.floats(0, 3))
+def test_frames_are_kept_for_their_time(steps: list[float], asked: float) -> None:
+    hindsight, times = Hindsight(), np.cumsum(steps)
     for time in times:
-        empty = np.zeros((1, 1, 3), np.float32), Clusters([], [], 0, 0)
-        recent.keep(RecentFrame(float(time), *empty, shown=frozenset({7})))
-    kept = [time for time in times if time >= times[-1] - duration and time < asked]
-    frame = recent.before(asked, 1)
-    assert (None if frame is None else frame.time) == (kept[-1] if kept else None)
-    assert recent.before(asked, 7) is None
+        frame = Frame(float(time), np.zeros((1, 1, 3), np.float32))
+        hindsight.keep(RecentFrame(frame, Clusters([], [], 0, 0), shown=frozenset({7})))
+    kept = [time for time in times if time >= times[-1] - HINDSIGHT and time < asked]
+    recent = hindsight.before(asked, 1)
+    assert (None if recent is None else recent.frame.time) == (kept[-1] if kept else None)
+    assert hindsight.before(asked, 7) is None
 
 
 def thrown_by_a_palm(room, shapes) -> tuple[list, float]:

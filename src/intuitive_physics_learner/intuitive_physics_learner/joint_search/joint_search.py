@@ -152,7 +152,7 @@ class JointSearch(Search):
         return better
 
     def identifiability(
-        self, task: LearningTask, seconds_left: Callable[[], float] = lambda: np.inf
+        self, task: LearningTask, seconds_left: Callable[[], float]
     ) -> Identifiability:
         """Return which parameters the observations determine, and how well, by the fit."""
         return identifiability_by_fit(self._staged, task, seconds_left)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
-from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
-from intuitive_physics_learner.search.parameter_axes import ParameterAxes
+from intuitive_physics.parameter_space import ParameterSpace, parameter_vector, shrink
 
 WITHIN = 2.0  # standard deviations within which the true value of an identified parameter is to lie
 # Shares of identified parameters within two standard deviations between which deviations are
@@ -66,17 +65,22 @@ def coverage(
 ) -> Coverage:
     """Compare each identified active parameter with the truth; active is (|θ_s|,) bool."""
     space = ParameterSpace(learned.materials)
-    stated = ParameterAxes(space, learned.parameters)
-    truth = true.extended(learned.materials)
+    stated = parameter_vector(learned.parameters)
+    values = parameter_vector(true.extended(learned.materials))
     counted = learned.identified & active
-    errors = (stated.origin - ParameterAxes(space, truth).origin)[counted]
-    deviations = (learned.standard_deviations / stated.slopes)[counted]
+    errors = (_places(space, stated) - _places(space, values))[counted]
+    deviations = (learned.standard_deviations / space.own_slopes(stated))[counted]
     low, high = learned.intervals.T
-    values = parameter_vector(truth)
     # An interval is NaN, and no value lies within it, where none is stated.
     within_interval = (low <= values) & (values <= high)
     scores = np.where(within_interval[counted], 0.0, errors / deviations)
     return Coverage(scores, np.abs(errors), int(active.sum()))
+
+
+def _places(space: ParameterSpace, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return where each parameter (|θ_s|,) lies within its own bounds, from 0 to 1."""
+    of_kinds = zip(space.kinds, values, strict=True)
+    return np.array([shrink(value, space.bounds[kind]) for kind, value in of_kinds])
 
 
 def share_within(coverages: Sequence[Coverage]) -> float | None:

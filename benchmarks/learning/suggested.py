@@ -47,12 +47,12 @@ from intuitive_physics_learner.design.suggestion import EXECUTION_ERROR
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.profiles import (
+    UNIFORM,
     curvature_posterior,
     one_sided_moves,
 )
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import LearningTask
-from intuitive_physics_learner.search.one_sided_intervals import UNIFORM
 
 WORLDS, QUICK_WORLDS = 8, 1  # random worlds
 BAR = 0.6  # largest number of suggested throws over that of random ones, issue 17

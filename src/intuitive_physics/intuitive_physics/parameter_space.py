@@ -116,6 +116,11 @@ class ParameterSpace:
         return parameter_names(self.materials)
 
     @property
+    def kinds(self) -> list[str]:
+        """Kind of each parameter, as `bounds` names it."""
+        return [name.partition("[")[0] for name in self.names]
+
+    @property
     def _dynamic_bounds(self) -> Bounds:
         dynamic, static = self.bounds["dynamic_friction"], self.bounds["static_friction"]
         return replace(dynamic, upper=min(dynamic.upper, static.upper))
@@ -157,6 +162,20 @@ class ParameterSpace:
         pair_values[..., 3] = stretch(by_pair[..., 3], self.bounds["restitution"])
         return values
 
+    def own_slopes(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how each parameter changes along its own bounds, all others staying.
+
+        Parameters
+        ----------
+        values : (|θ_s|,) in each parameter's SI unit, in the order of `names`
+
+        Returns
+        -------
+        (|θ_s|,) SI units of the parameter per width of its bounds
+        """
+        of_kinds = zip(self.kinds, values, strict=True)
+        return np.array([self.bounds[kind].slope(value) for kind, value in of_kinds])
+
     def slopes(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how all parameters change along all axes of the cube.
 
@@ -169,8 +188,7 @@ class ParameterSpace:
         (|θ_s|, |θ_s|) ∂θ/∂u: SI units of the row's parameter per width of the column's axis
         """
         values = self.to_values(unit[None])[0]
-        kinds = [name.split("[")[0] for name in self.names]
-        matrix = np.diag([self.bounds[k].slope(v) for k, v in zip(kinds, values, strict=True)])
+        matrix = np.diag(self.own_slopes(values))
         m = len(self.materials)
         static = np.arange(m, self.size, len(PAIR_COEFFICIENTS))
         dynamic = static + 1

@@ -10,6 +10,7 @@ from intuitive_physics_learner.errors import (
     StorageError,
     UnknownMethodError,
 )
+from intuitive_physics_learner.joint_search.identifiability import Identifiability
 from intuitive_physics_learner.learning_session import (
     LearningOptions,
     LearningResult,
@@ -23,7 +24,6 @@ from intuitive_physics_learner.search.convergence import (
     SearchResult,
     StopReason,
 )
-from intuitive_physics_learner.search.identifiability import Identifiability, identify
 from intuitive_physics_learner.search.parameter_search import ParameterSearch
 from intuitive_physics_learner.search.search_space import ActiveSpace
 from intuitive_physics_learner.search.update_rules import (
@@ -61,7 +61,6 @@ __all__ = [
     "UnknownMethodError",
     "UpdateRule",
     "active_parameters",
-    "identify",
     "learn",
     "learn_from_store",
     "make_update_rule",

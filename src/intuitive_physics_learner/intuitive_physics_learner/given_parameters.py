@@ -49,7 +49,7 @@ LARGEST_DIFFERENCE = 1e-6
 def check_within_bounds(
     parameters: StaticParameters,
     chosen: NDArray[np.bool_],
-    bounds: Mapping[str, Bounds] | None = None,
+    bounds: Mapping[str, Bounds] | None,
 ) -> None:
     """Make sure that values lie within the bounds of a search.
 

@@ -36,7 +36,11 @@ from intuitive_physics_learner.cost.point_noise import detected
 from intuitive_physics_learner.cost.wrapped_costs import InterruptibleCost
 from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
 from intuitive_physics_learner.given_parameters import check_within_bounds
-from intuitive_physics_learner.joint_search.joint_search import JointSearch
+from intuitive_physics_learner.joint_search import JointSearch
+from intuitive_physics_learner.joint_search.identifiability import (
+    Identifiability,
+    identifiability_of_optimum,
+)
 from intuitive_physics_learner.methods import (
     DEFAULT_METHOD,
     JOINT_METHOD,
@@ -50,9 +54,13 @@ from intuitive_physics_learner.search.convergence import (
     StopReason,
 )
 from intuitive_physics_learner.search.gaussian import Gaussian
-from intuitive_physics_learner.search.identifiability import Identifiability
 from intuitive_physics_learner.search.learning_task import LearningTask
+from intuitive_physics_learner.search.parameter_search import Search
 from intuitive_physics_learner.store.observation_entries import Assessment
+
+JUDGED_SHARE = 0.3
+"""Part of a limit of time that is left for the fit that says what is known of a θ_s found by
+lowering J; set by hand."""
 
 FOLLOWED_SHARE = 0.2
 """Part of a limit of time that is left for following undisturbed motions, by which disturbed
@@ -176,8 +184,6 @@ def learn(
         _check_same_task(resume, identity)
         search.load_state(resume["search"])
     began, limit = time.monotonic(), options.criteria.time_limit
-    joint = isinstance(search, JointSearch)
-    later = FOLLOWED_SHARE * limit if joint and limit is not None else 0.0
 
     def seconds_left() -> float:
         return np.inf if limit is None else limit - (time.monotonic() - began)
@@ -188,14 +194,19 @@ def learn(
         cancelled=cancelled,
         on_checkpoint=on_checkpoint
         and (lambda state: on_checkpoint({**identity, "search": state})),
-        reserve=lambda seconds: later + search.identifiability_seconds(task, seconds),
+        reserve=lambda seconds: 0.0 if limit is None else _reserved(search, task, seconds, limit),
     )
     if outcome.stop_reason is StopReason.CANCELLED:
         raise LearningCancelledError
     if task.start_was_learned and search.keep_start(task):
         kept = search.best_parameters
         outcome = replace(outcome, parameters=kept, cost=float(task.cost.costs([kept])[0]))
-    identifiability = search.identifiability(task, lambda: seconds_left() - later)
+    fitted = _fitted(search)
+    if fitted is None:
+        identifiability = identifiability_of_optimum(task, search.best_parameters, seconds_left)
+    else:
+        later = 0.0 if limit is None else FOLLOWED_SHARE * limit
+        identifiability = fitted.identifiability(task, lambda: seconds_left() - later)
     parameters = _unresponsive_restored(task, outcome, identifiability)
     learned = _merged(
         previous,
@@ -207,9 +218,9 @@ def learn(
         method=options.method,
         initial_spins=previous.initial_spins.updated(search.initial_spins()),
     )
-    if isinstance(search, JointSearch) and search.fits_trajectories:
+    if fitted is not None:
         generator = np.random.default_rng([options.seed, 1])
-        misfits = undisturbed_misfits(search.fit, simulator, generator, seconds_left)
+        misfits = undisturbed_misfits(fitted.fit, simulator, generator, seconds_left)
         assessments = reassessed(assessments, *misfits, trusted=options.trusted_ids)
     return LearningResult(learned, outcome, assessments)
 
@@ -226,10 +237,23 @@ def _assessed(
     return clean, assessments, replace(options, criteria=criteria)
 
 
+def _fitted(search: Search) -> JointSearch | None:
+    """Return a search that fits trajectories; None where it lowers J."""
+    return search if isinstance(search, JointSearch) and search.fits_trajectories else None
+
+
+def _reserved(search: Search, task: LearningTask, seconds: float, limit: float) -> float:
+    """Return the s of a limit of time to leave for what comes after a search of some s."""
+    fitted = _fitted(search)
+    if fitted is None:
+        return JUDGED_SHARE * limit
+    return FOLLOWED_SHARE * limit + fitted.identifiability_seconds(task, seconds)
+
+
 def search_parameters(
     observations: Sequence[Observation], simulator: Simulator, options: LearningOptions
 ) -> SearchResult:
-    """Search θ_s without its identifiability, which takes as long again.
+    """Search θ_s without its identifiability.
 
     Raises
     ------
@@ -268,11 +292,7 @@ def _begin(
         return cost if cancelled is None else InterruptibleCost(cost, cancelled)
 
     cost, detected_cost = cost_over(observations), None
-    if options.method == JOINT_METHOD and any(
-        thing.detections is not None
-        for observation in observations
-        for thing in observation.objects
-    ):
+    if any(thing.detections is not None for each in observations for thing in each.objects):
         detected_cost = cost_over([detected(observation) for observation in observations])
     start = previous.parameters.extended(materials)
     influence = parameter_influence(observations, materials)

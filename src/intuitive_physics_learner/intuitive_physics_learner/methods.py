@@ -26,9 +26,7 @@ METHODS = (DEFAULT_METHOD, *ALL_RULES)
 """All names, the default first."""
 
 
-def check_method(
-    name: str, distance: str = MEAN_DISTANCE, rule_settings: Mapping[str, float] | None = None
-) -> None:
+def check_method(name: str, distance: str, rule_settings: Mapping[str, float]) -> None:
     """Check that there is such a method, and that it can minimise a distance and be set so.
 
     Joint estimation maximises a likelihood of the observed points; it has no distance to choose.
@@ -52,12 +50,11 @@ def make_search(
     name: str,
     task: LearningTask,
     generator: np.random.Generator,
-    rule_settings: Mapping[str, float] | None = None,
+    rule_settings: Mapping[str, float],
 ) -> Search:
-    """Return the search by the method of that name, ready to run."""
-    check_method(name, rule_settings=rule_settings)
+    """Return the search by the method of that name, ready to run, as `check_method` allows it."""
     if name == JOINT_METHOD:
         return JointSearch(task, generator)
     size = task.searched.size
-    rule = make_update_rule(name, size, generator, task.begin, **(rule_settings or {}))
+    rule = make_update_rule(name, size, generator, task.begin, **rule_settings)
     return ParameterSearch(CachedCost(task.cost).costs, task.searched, rule)

@@ -20,13 +20,13 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
 from intuitive_physics_learner.joint_estimation.profiles import (
     LARGEST_MOVE_RISE,
     MOVE_TOLERANCE,
+    ONE_SIDED_DEVIATIONS,
     curvature_posterior,
     curvature_simulations,
     move_simulations,
     plausible_moves,
 )
 from intuitive_physics_learner.search.gaussian import Gaussian
-from intuitive_physics_learner.search.identifiability import ONE_SIDED_DEVIATIONS
 
 PRIOR_DEVIATION = UNIFORM_PRECISION**-0.5
 E = 3

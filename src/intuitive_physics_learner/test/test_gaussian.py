@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
+from intuitive_physics_learner.joint_estimation.jackknife import jackknife_variances
 from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
 from intuitive_physics_learner.online.encoding import decode_array, encode_array
-from intuitive_physics_learner.online.jackknife import jackknife_variances
 from intuitive_physics_learner.search.gaussian import Gaussian
 
 

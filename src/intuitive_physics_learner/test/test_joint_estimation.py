@@ -24,9 +24,9 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
 )
 from intuitive_physics_learner.joint_estimation.order_of_fits import StagedFit
 from intuitive_physics_learner.joint_search import JointSearch
-from intuitive_physics_learner.joint_search.joint_identifiability import (
+from intuitive_physics_learner.joint_search.identifiability import (
     balanced_half,
-    joint_identifiability,
+    identifiability_by_fit,
 )
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.search.gaussian import Gaussian
@@ -227,7 +227,7 @@ def test_judges_in_little_time_where_little_is_left(event_driven, throws):
     def judged(seconds_left):
         before = cost.trials
         fit.choose()
-        stated = joint_identifiability(fit, task, seconds_left)
+        stated = identifiability_by_fit(fit, task, seconds_left)
         return stated, cost.trials - before
 
     at_leisure, many = judged(lambda: np.inf)

@@ -1,10 +1,8 @@
 """A parameter that could as well have another value is not reported as known."""
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
 
-from intuitive_physics.materials import StaticParameters, parameter_names
+from intuitive_physics.materials import parameter_names
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
@@ -15,45 +13,16 @@ from intuitive_physics_learner import (
     ConvergenceCriteria,
     LearningOptions,
     TrajectoryCost,
-    identify,
     learn,
 )
-from intuitive_physics_learner.cost.cost_function import FAILED_DISTANCE
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.joint_search.identifiability import identifiability_of_optimum
 from intuitive_physics_learner.methods import JOINT_METHOD
-from intuitive_physics_learner.search.one_sided_intervals import is_acceptable
-from intuitive_physics_learner.search.parameter_axes import ParameterAxes
+from intuitive_physics_learner.search.learning_task import LearningTask
 
 FLOOR = Environment([Plane("floor", "floor", [0, 0, 1], 0.0)])
 MATERIALS = ("ball", "floor")
 PAIR = parameter_names(MATERIALS).index("dynamic_friction[ball, floor]")
-
-rises = st.floats(1e-6, 1.0)
-
-
-@given(rise=rises, others=st.integers(1, 20))
-def test_one_observation_among_indifferent_ones_is_no_agreement(rise, others):
-    # d = (x, 0, …, 0): mean x/n, and standard error sqrt(x²/n / n) = x/n. But it counts where it is
-    # much worse than it was, x > 0.1 n D.
-    alone = np.array([rise, *np.zeros(others)])
-    assert is_acceptable(alone, np.full(others + 1, 11.0 * rise / (others + 1)))
-    assert not is_acceptable(alone, np.full(others + 1, 9.0 * rise / (others + 1)))
-
-
-@given(rise=rises, count=st.integers(1, 20))
-def test_agreeing_observations_keep_their_weight(rise, count):
-    costs = np.full(count, 100.0)
-    assert not is_acceptable(np.full(count, rise), costs)
-    assert is_acceptable(np.full(count, -rise), costs)
-    failed = np.array([FAILED_DISTANCE, *np.full(count, -rise)])
-    assert not is_acceptable(failed, np.full(count + 1, 100.0))
-
-
-@given(st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=10), st.randoms())
-def test_neither_order_nor_unit_matters(values, random):
-    shuffled, costs = random.sample(values, len(values)), np.full(len(values), 0.5)
-    if abs(np.mean(values)) > 1e-6:
-        first = is_acceptable(np.array(values), costs)
-        assert first == is_acceptable(4.0 * np.array(shuffled), 4.0 * costs)
 
 
 def thrown(simulator, parameters, template, velocity, generator):
@@ -84,7 +53,9 @@ def test_friction_that_only_has_to_be_large_enough_has_a_one_sided_interval(
         thrown(event_driven, true, template, (speed, 0.0, 0.0), generator) for speed in speeds
     ]
     cost = TrajectoryCost(observed, event_driven, MATERIALS)
-    result = identify(cost, ParameterSpace(MATERIALS), replace_pair(true_parameters, 0.29))
+    found, influence = replace_pair(true_parameters, 0.29), parameter_influence(observed, MATERIALS)
+    task = LearningTask(cost, ParameterSpace(MATERIALS), influence, found)
+    result = identifiability_of_optimum(task, found)
     low, high = result.intervals[PAIR]
     assert result.identified[PAIR]
     assert 0.2 < low < 0.29
@@ -159,31 +130,3 @@ def replace_pair(parameters, friction):
     return parameters.with_pair(
         "ball", "floor", static_friction=friction + 0.01, dynamic_friction=friction
     )
-
-
-def test_dragging_a_friction_brings_the_other_along(true_parameters):
-    axes = ParameterAxes(ParameterSpace(MATERIALS), true_parameters)
-    for place in np.linspace(0.0, 1.0, 11):
-        for axis in (PAIR - 1, PAIR):
-            pair = axes.dragged(axis, place).pair("ball", "floor")
-            assert pair["dynamic_friction"] <= pair["static_friction"]
-        raised = axes.dragged(PAIR, place).pair("ball", "floor")
-        assert raised["static_friction"] == max(0.35, raised["dynamic_friction"])
-        lowered = axes.dragged(PAIR - 1, place).pair("ball", "floor")
-        assert lowered["dynamic_friction"] == min(0.2, lowered["static_friction"])
-
-
-def test_observations_of_several_objects(glide, glides):
-    # Objects glide by their own e: a move of one e is asked of all observations it has a part in.
-    generator = np.random.default_rng(0)
-    materials = ("ball", "floor", "puck")
-    observed = [glides(generator, 0.5, (20, 15), ("ball", "puck")) for _ in range(4)]
-    observed.append(glides(generator, 0.5))
-    space = ParameterSpace(materials)
-    cost = TrajectoryCost(observed, glide, materials)
-    result = identify(cost, space, StaticParameters.uniform(materials, restitution=0.5))
-    names = parameter_names(materials)
-    assert {name for name, yes in zip(names, result.identified, strict=True) if yes} == {
-        "restitution[ball, floor]",
-        "restitution[floor, puck]",
-    }

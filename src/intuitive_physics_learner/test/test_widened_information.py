@@ -8,7 +8,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
-from intuitive_physics_learner.search.identifiability import widened_information
+from intuitive_physics_learner.joint_estimation.widened_information import (
+    information_about,
+    widened_information,
+)
 
 ONES = np.ones(3)
 ANY = np.zeros(3)
@@ -40,6 +43,15 @@ def test_identified_parameters_have_at_least_their_deviation():
     wider = widened_information(information, ONES, least)
     widened, before = deviations(wider), deviations(information)
     np.testing.assert_allclose(widened, [0.05, before[1], before[2]], rtol=1e-6)
+
+
+def test_about_a_point_beside_the_mean_the_distance_counts():
+    rows = np.random.default_rng(0).normal(0.0, 10.0, (5, 3))
+    apart = np.array([0.02, 0.0, -0.01])
+    bounds = UNIFORM_PRECISION * np.eye(3)
+    covariance = np.linalg.inv(rows.T @ rows + bounds)
+    about = np.linalg.inv(information_about(rows.T @ rows, apart) + bounds)
+    np.testing.assert_allclose(about, covariance + np.outer(apart, apart), rtol=1e-9)
 
 
 @given(

@@ -208,8 +208,8 @@ class ClusterCost(Cost):
         client: Any,
         observations: Sequence[Observation],
         simulator: Simulator,
-        materials: Sequence[str] | None = None,
-        distance: str = MEAN_DISTANCE,
+        materials: Sequence[str] | None,
+        distance: str,
     ) -> None:
         super().__init__(observations, materials)
         self._client = client

@@ -320,25 +320,10 @@ class JointFit:
     ) -> tuple[NDArray[np.float64], list[ObservationFit]]:
         """Fit initial states with θ_s held; return the loss (n_observations,) of each, and them."""
         model = self.model
-        fit = self._held_fit(model.task, unit, fits, blocks=model.stated_blocks)
+        fit = self._continued(_held_at(model.task, unit), unit, fits, blocks=model.stated_blocks)
         losses = np.array([likelihood.loss for likelihood in fit.likelihoods()])
         model.simulations += fit.model.simulations
         return losses, fit.observation_fits()
-
-    def _held_fit(
-        self,
-        task: FitTask,
-        unit: NDArray[np.float64],
-        fits: Sequence[ObservationFit],
-        spins: InitialSpins | None = None,
-        blocks: list[ObservationBlock] | None = None,
-    ) -> JointFit:
-        """Return a fit of initial states alone, up to fixed horizons.
-
-        `unit` (n,) θ_s on the unit cube, which is held.
-        """
-        prior = Gaussian.about(unit, HELD_PRECISION * np.eye(unit.size))
-        return self._continued(replace(task, prior=prior), unit, fits, spins, blocks)
 
     def _continued(
         self,
@@ -370,7 +355,8 @@ class JointFit:
             return {}
         members = np.array(sorted(others))
         begun = [ObservationFit(others[m][0], fits[m].deviations, others[m][1]) for m in members]
-        fit = self._held_fit(model.task.of(members), self.unit, begun, model.spins)
+        held = _held_at(model.task.of(members), self.unit)
+        fit = self._continued(held, self.unit, begun, model.spins)
         likelihoods = fit.likelihoods()
         explained = np.zeros(members.size, dtype=bool)
         for block, part in fit.model.parts(fit.estimate):
@@ -579,6 +565,15 @@ class JointFit:
         unit[moves] = np.array(SCAN_LEVELS)[levels[moves]]
         self.estimate.unit = unit
         return bool(moves)
+
+
+def _held_at(task: FitTask, unit: NDArray[np.float64]) -> FitTask:
+    """Return the task of initial states alone.
+
+    `unit` (n,) θ_s on the unit cube, which is held.
+    """
+    prior = Gaussian.about(unit, HELD_PRECISION * np.eye(unit.size))
+    return replace(task, prior=prior)
 
 
 def _proposals(

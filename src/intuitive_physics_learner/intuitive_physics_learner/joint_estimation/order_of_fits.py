@@ -299,13 +299,8 @@ class StagedFit:
     steps : taken so far, in both stages
     """
 
-    def __init__(
-        self,
-        task: FitTask,
-        starts: NDArray[np.float64] | None = None,
-        settings: JointEstimationSettings | None = None,
-    ) -> None:
-        settings = settings or JointEstimationSettings()
+    def __init__(self, task: FitTask, starts: NDArray[np.float64] | None = None) -> None:
+        settings = JointEstimationSettings()
         starts = task.prior.mean[None] if starts is None else starts
         groups = separable(task.cost.observations, task.influence)
         if sum(map(len, groups)) < SMALLEST_SEPARATE_SHARE * len(task.cost.observations):

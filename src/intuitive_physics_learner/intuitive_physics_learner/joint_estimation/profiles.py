@@ -23,8 +23,6 @@ from intuitive_physics_learner.joint_estimation.linearisation import Linearisati
 from intuitive_physics_learner.joint_estimation.normal_equations import reduced_equations
 from intuitive_physics_learner.joint_estimation.scans import scanned
 from intuitive_physics_learner.search.gaussian import Gaussian
-from intuitive_physics_learner.search.identifiability import ONE_SIDED_DEVIATIONS
-from intuitive_physics_learner.search.one_sided_intervals import MOVE_GROWTH, UNIFORM
 
 CURVATURE_WIDENING = 3.0
 """Factor on the steps of the finite differences from which the posterior is computed; set by
@@ -37,6 +35,9 @@ by hand."""
 MOVE_TOLERANCE = 0.02
 """Part of a move by which its end may be farther than it was followed; set by hand."""
 
+MOVE_GROWTH = 3.0
+"""Factor on the distance from one round outwards to the next; set by hand."""
+
 USUAL_ROUNDS = 2
 """Rounds that are usually made: most often no parameter is bound to one side only."""
 
@@ -44,6 +45,13 @@ LARGEST_MOVE_RISE = 4.5
 """Rise of the loss up to which a move is plausible, that of three standard deviations: a fit may
 gain more than that of two by making a ball slip that does not; below the 6 of a parabola at 2 √3
 standard deviations."""
+
+UNIFORM = np.sqrt(3.0)
+"""Distance from the mean to the ends of a uniform distribution, in its standard deviations."""
+
+ONE_SIDED_DEVIATIONS = 2.0
+"""Distance, in those of a uniform distribution with the parameter's standard deviation, beyond
+which a plausible move gives a one-sided interval; set by hand."""
 
 LARGEST_PLATEAU_RISE = 0.5
 """Change of the loss between two places up to which motion is taken to be the same at both: noise

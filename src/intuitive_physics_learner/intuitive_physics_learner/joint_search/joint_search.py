@@ -23,9 +23,11 @@ from intuitive_physics_learner.joint_estimation.profiles import (
     move_simulations,
 )
 from intuitive_physics_learner.joint_search.cost_descent import CostDescent
-from intuitive_physics_learner.joint_search.joint_identifiability import joint_identifiability
+from intuitive_physics_learner.joint_search.identifiability import (
+    Identifiability,
+    identifiability_by_fit,
+)
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria
-from intuitive_physics_learner.search.identifiability import Identifiability
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.parameter_search import Search
 
@@ -92,7 +94,7 @@ class JointSearch(Search):
 
     @property
     def fits_trajectories(self) -> bool:
-        """Whether `fit` is what was found, so that observations can be assessed by it."""
+        """Whether `fit` is what was found, so that it says what is known."""
         return not self.lowers_cost and self._staged.steps > 0
 
     @property
@@ -150,16 +152,13 @@ class JointSearch(Search):
         return better
 
     def identifiability(
-        self, task: LearningTask, seconds_left: Callable[[], float] = lambda: np.inf
+        self, task: LearningTask, seconds_left: Callable[[], float]
     ) -> Identifiability:
-        """From the posterior of the fit; where J was lowered instead, by J."""
-        if self.lowers_cost:
-            return super().identifiability(task, seconds_left)
-        return joint_identifiability(self._staged, task, seconds_left)
+        """Return which parameters the observations determine, and how well, by the fit."""
+        return identifiability_by_fit(self._staged, task, seconds_left)
 
     def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
-        if self.lowers_cost or self.iterations == 0:
-            return super().identifiability_seconds(task, seconds)
+        """How long `identifiability` will take, if the search has taken `seconds`."""
         judged = HALF_SHARE * self._staged.best_simulations + 1.5 * curvature_simulations(self.fit)
         judged += move_simulations(self.fit) + self._staged.jointly.choice_simulations
         if task.start_was_learned:

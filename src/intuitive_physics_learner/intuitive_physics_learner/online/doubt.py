@@ -63,7 +63,7 @@ class Examined:
 
 
 def examine(
-    state: OnlineState, cost: Cost, simulator: Simulator, number: int, *, trusted: bool = False
+    state: OnlineState, cost: Cost, simulator: Simulator, number: int, *, trusted: bool
 ) -> Examined:
     """Fit the `number`-th observation to what is known, and judge it by its signs.
 

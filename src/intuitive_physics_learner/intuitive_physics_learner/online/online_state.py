@@ -20,7 +20,12 @@ from intuitive_physics.materials import (
 )
 from intuitive_physics.observation import Observation
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
-from intuitive_physics.parameter_space import DEFAULT_BOUNDS, ParameterSpace, parameter_vector
+from intuitive_physics.parameter_space import (
+    DEFAULT_BOUNDS,
+    ParameterSpace,
+    parameter_vector,
+    parameters_of_vector,
+)
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics.prior_knowledge.spin_evidence import (
     SpinEvidence,
@@ -31,7 +36,6 @@ from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, O
 from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
 from intuitive_physics_learner.online.encoding import decoded, encoded
 from intuitive_physics_learner.search.gaussian import Gaussian
-from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
 FORMAT = "intuitive_physics/online_state/6"

@@ -16,18 +16,24 @@ from intuitive_physics.parameter_posterior import (
     UNIFORM_PRECISION,
     ParameterPosterior,
 )
-from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
+from intuitive_physics.parameter_space import (
+    ParameterSpace,
+    parameter_vector,
+    parameters_of_vector,
+)
 from intuitive_physics_learner.joint_estimation.half_agreement import agreed_deviations
+from intuitive_physics_learner.joint_estimation.jackknife import jackknife_variances
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
-from intuitive_physics_learner.joint_estimation.profiles import is_one_sided, mean_square_moves
+from intuitive_physics_learner.joint_estimation.profiles import (
+    UNIFORM,
+    is_one_sided,
+    mean_square_moves,
+)
+from intuitive_physics_learner.joint_estimation.widened_information import widened_information
 from intuitive_physics_learner.methods import JOINT_METHOD
-from intuitive_physics_learner.online.jackknife import jackknife_variances
 from intuitive_physics_learner.online.lone_fit import LoneFit
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.search.gaussian import Gaussian
-from intuitive_physics_learner.search.identifiability import widened_information
-from intuitive_physics_learner.search.one_sided_intervals import UNIFORM
-from intuitive_physics_learner.search.parameter_axes import parameters_of_vector
 
 BEYOND = 0.5
 """Time beyond the fit horizon up to which predictions are compared, s: where an error shows

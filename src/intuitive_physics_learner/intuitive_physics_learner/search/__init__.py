@@ -1,1 +1,1 @@
-"""Parameter search (Algorithm 1), its update rules, and which parameters data identify."""
+"""Parameter search (Algorithm 1), its update rules, its space and its task."""

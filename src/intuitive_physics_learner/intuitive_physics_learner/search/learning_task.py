@@ -75,8 +75,8 @@ class LearningTask:
     influence : (n_observations, |θ_s|) bool, as `parameter_influence`
     start : θ_s to begin from
     knowledge : of the active parameters, before these observations; None: only their bounds
-    detected_cost : over the same observations as they were detected, before any smoothing, for
-        methods that fit points with their noise; None: they are those of `cost`
+    detected_cost : over the same observations as they were detected, before any smoothing, for fits
+        of points with their noise; None: they are those of `cost`
     start_was_learned : whether the start was learned before, so that it must not be replaced by
         what is worse
     """

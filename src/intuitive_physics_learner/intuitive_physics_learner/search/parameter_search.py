@@ -19,11 +19,6 @@ from intuitive_physics_learner.search.convergence import (
     SearchResult,
     StopReason,
 )
-from intuitive_physics_learner.search.identifiability import (
-    Identifiability,
-    identification_trials,
-    identify,
-)
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.search_space import SearchSpace
 from intuitive_physics_learner.search.update_rules import UpdateRule
@@ -142,22 +137,6 @@ class Search(ABC):
             reason,
             time.monotonic() - began,
         )
-
-    def identifiability(
-        self, task: LearningTask, seconds_left: Callable[[], float] = lambda: np.inf
-    ) -> Identifiability:
-        """Return which parameters the observations determine, and how well, at the estimate.
-
-        By J around `best_parameters` (`identify`), unless the search has a better way.
-        """
-        return identify(task.cost, task.space, self.best_parameters, task.active)
-
-    def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
-        """How long `identifiability` will take at the pace of the search."""
-        if self.iterations == 0:
-            return 0.0
-        trials = identification_trials(task.influence)
-        return seconds * trials / (self.iterations * len(task.influence))
 
     def state_dict(self) -> dict[str, Any]:
         """Plain data from which a search over the same space and cost continues exactly."""

@@ -186,7 +186,7 @@ class Database:
     `busy_timeout` in s to wait for another process that writes; None takes `BUSY_TIMEOUT`.
     """
 
-    def __init__(self, path: str | os.PathLike[str], busy_timeout: float | None = None) -> None:
+    def __init__(self, path: str | os.PathLike[str], busy_timeout: float | None) -> None:
         self.path = Path(path).expanduser()
         self._lock = threading.RLock()
         self._damage: str | None = None

@@ -438,8 +438,8 @@ def test_a_cluster_that_is_not_there(start, caller, glides):
 
 def test_a_mistake_of_ours_is_an_internal_error(start, caller, glides):
     broken = (
-        "from intuitive_physics_learner.search import parameter_search;"
-        "parameter_search.identify = 0"
+        "from intuitive_physics_learner import learning_session;"
+        "learning_session.identifiability_of_optimum = 0"
     )
     start("max_iterations:=5", first=broken)
     caller.add(glides(np.random.default_rng(0), 0.5))

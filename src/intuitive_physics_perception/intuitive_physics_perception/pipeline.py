@@ -35,7 +35,8 @@ from intuitive_physics_perception.frame_result import (
 from intuitive_physics_perception.further_camera import FurtherCamera
 from intuitive_physics_perception.input.frame_order import Timeline
 from intuitive_physics_perception.input.reading_times import reading_span
-from intuitive_physics_perception.scene import ModelledScene, begun
+from intuitive_physics_perception.scene import COVERED_TIME, ModelledScene, begun
+from intuitive_physics_perception.sensor_motion.sensor_motion import SensorMotion
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import (
     Episode,
@@ -64,8 +65,8 @@ class ModelledElsewhere:
 
 
 class PerceptionPipeline:
-    """Perceives frame after frame of one sensor, which stands still, or whose pose is known; and of
-    further cameras of the same scene, whose poses are known.
+    """Perceives frame after frame of one sensor, which stands still or moves slowly, or whose pose
+    is given; and of further cameras of the same scene, whose poses are given.
 
     The environment stays in the frame in which it was modelled first, wherever the sensor looks
     from. When a sensor that has moved stands still, and nothing that is followed moves, the
@@ -117,6 +118,12 @@ class PerceptionPipeline:
     def model(self) -> EnvironmentModel | None:
         """The environment as it is known now; None while it is not."""
         return self._scene.model if self._scene else None
+
+    @property
+    def sensor_motion(self) -> SensorMotion | None:
+        """What follows the first sensor by what it sees; None where its pose is given, or it cannot
+        be followed."""
+        return self._scene.motion if self._scene else None
 
     def take_up(self, up: ArrayLike) -> None:
         """Take the measured direction against gravity, `up` (3,) in the sensor's frame, of any
@@ -177,12 +184,7 @@ class PerceptionPipeline:
             result = self._model(time, self._up_from_here())
         else:
             self._pose = pose
-            if pose is not None and self._modelled_at is not None:
-                scene.look_from(self._modelled_at.inverse.after(pose))
-            result = self._perceive(scene, points, time, colors, scene, offsets=offsets)
-            if pose is not None and self._scene is scene:
-                self._model_where_it_stands(scene, points, time, pose)
-                result = self._with_new_model(scene, result, pose)
+            result = self._see(scene, points, time, colors, pose, offsets)
         self._budget.end_frame()
         return replace(
             result,
@@ -198,6 +200,40 @@ class PerceptionPipeline:
         """Return a sentence on why the pose of a further camera may be wrong, empty where nothing
         shows that."""
         return self._further[camera].doubt if camera in self._further else ""
+
+    def _see(
+        self,
+        scene: ModelledScene,
+        points: NDArray[np.float32],
+        time: float,
+        colors: NDArray[np.uint8] | None,
+        pose: RigidTransform | None,
+        offsets: NDArray[np.float32] | None,
+    ) -> FrameResult:
+        """Perceive a frame of the first camera from its pose; where none was given when the
+        environment was modelled, from that by which it sees the environment."""
+        if scene.motion is not None:
+            scene.motion.follow(points, time)
+            if scene.motion.doubt and not scene.is_at_home:
+                return self._lost(scene.motion, time)
+            pose = self._modelled_at.after(scene.motion.way) if self._modelled_at else None
+        if pose is not None and self._modelled_at is not None:
+            scene.look_from(self._modelled_at.inverse.after(pose))
+        result = self._perceive(scene, points, time, colors, scene, offsets=offsets)
+        if pose is not None and self._scene is scene:
+            self._model_where_it_stands(scene, points, time, pose)
+            result = self._with_new_model(scene, result, pose)
+        return result
+
+    def _lost(self, motion: SensorMotion, time: float) -> FrameResult:
+        """Return the result of a frame of a sensor that has moved and is not found any more; model
+        the environment again where that lasts."""
+        lasting = motion.lost_for(time)
+        reason = f"for {lasting:.1f} s it is not known how the sensor has moved: {motion.doubt}"
+        if lasting < (COVERED_TIME if motion.is_covered else self.settings.moved_time):
+            return self._unused(time, reason)
+        reason += "; the environment is modelled again"
+        return self._model_again(time, reason, self._forget_environment())
 
     def _see_further(
         self,
@@ -249,8 +285,9 @@ class PerceptionPipeline:
                 self._next_track,
                 measured=up is not None,
                 background=self._background,
+                follows_sensor=self._pose is None,
             )
-            self._modelled_at = self._pose
+            self._modelled_at = RigidTransform() if self._scene.motion else self._pose
         return FrameResult(
             time, self.model, is_new_model=True, diagnostics=FrameDiagnostics(seconds=timer.seconds)
         )
@@ -294,7 +331,8 @@ class PerceptionPipeline:
             # A generator of its own: the frames meanwhile draw from the other one.
             (rng,) = self._rng.spawn(1)
             frames = [scene.without_followed(points) for points in self._standing]
-            job = frames, self.settings, rng, scene.model, self._background
+            follows = scene.motion is not None
+            job = frames, self.settings, rng, scene.model, self._background, follows
             modelled = begun(self._background, _modelled_elsewhere, *job)
             self._modelling = ModelledElsewhere(pose, modelled)
             self._stands_since = None
@@ -331,6 +369,8 @@ class PerceptionPipeline:
         timer = StageTimer(self._clock)
         with timer.stage("planes"):
             moved = eye.check.moved(points, time) if eye.is_at_home else ""
+            if moved and eye.motion is not None and eye.motion.doubt:
+                moved += f" (how it has moved is not known: {eye.motion.doubt})"
             if moved:
                 return self._model_again(time, moved, self._forget_view(camera))
             clusters = eye.stages.clusters(points)
@@ -457,6 +497,7 @@ def _modelled_elsewhere(
     rng: np.random.Generator,
     known: EnvironmentModel,
     background: Executor | None,
+    follows_sensor: bool,
 ) -> ModelledScene | None:
     """Model a known environment from elsewhere, with the same up; None where nothing shows it.
 
@@ -466,4 +507,13 @@ def _modelled_elsewhere(
         model = model_environment(frames, settings, rng, known.rotation[2]).in_frame_of(known)
     except NoEnvironmentError:
         return None
-    return ModelledScene(model, frames, settings, rng, 1, measured=True, background=background)
+    return ModelledScene(
+        model,
+        frames,
+        settings,
+        rng,
+        1,
+        measured=True,
+        background=background,
+        follows_sensor=follows_sensor,
+    )

@@ -47,6 +47,7 @@ from intuitive_physics_perception.environment.range_cloud import spacing_of
 from intuitive_physics_perception.environment.ray_planes import PlaneAgreement, RayPlanes
 from intuitive_physics_perception.environment.settled_view import GONE_TIME, SettledView
 from intuitive_physics_perception.environment.static_boxes import StaticBoxFilter, with_static_boxes
+from intuitive_physics_perception.sensor_motion.sensor_motion import SensorMotion, sensor_motion_in
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import Episode, EpisodeRecorder, record_of
 from intuitive_physics_perception.tracking.motion import PLACED, POSITION, RADIUS
@@ -222,7 +223,7 @@ class ModelledScene:
     `model`: of its planes, to which what else stands there is added; `frames` (height, width, 3) m
     each, that it was modelled from; `measured`: whether gravity was measured, so that flights are
     not needed; `background`: in which the environment is revised while frames go on; None revises
-    it at once.
+    it at once; `follows_sensor`: find the sensor by what it sees, as nobody gives its pose.
     """
 
     def __init__(
@@ -235,19 +236,26 @@ class ModelledScene:
         *,
         measured: bool = False,
         background: Executor | None = None,
+        follows_sensor: bool = False,
     ) -> None:
         model = with_static_boxes(model, frames, settings, rng)
         self._settings = settings
         self._rng = rng
         self._background = background
-        self._view = _settled_view(model, frames, settings)
+        fused = _fused(frames)
+        self._view: SettledView | None = None
+        if fused is not None and settings.revise_environment:
+            self._view = SettledView(fused, model.noise)
+        self.motion: SensorMotion | None = None
+        if fused is not None and follows_sensor:
+            self.motion = sensor_motion_in(fused, frames, model, settings)
         self._recent = RecentFrames(HINDSIGHT)
         # Of each track's number, down to which frame, s, this sensor's were searched for it.
         self._searched_until: dict[int, float] = {}
         self._flights: FlightGravity | None = None
         if settings.gravity_from_flights and settings.gravity_source == "plane" and not measured:
             self._flights = FlightGravity(settings.gravity)
-        self._pending: Future[tuple[Stages, View] | None] | None = None
+        self._pending: Future[tuple[Stages, View, SensorMotion | None] | None] | None = None
         self._changed_since: float | None = None
         self._space = KnownSpace(model.noise, spacing_of(frames[-1], rng))
         self._space.take(self._space.view(frames, model.sensor_pose))
@@ -435,6 +443,8 @@ class ModelledScene:
         self._searched_until.clear()
         if self._view is not None:
             self._view.restart()
+        if self.motion is not None:
+            self.motion.restart()
 
     def without_followed(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return a frame with NaN about what is followed: it shows no part of the environment.
@@ -517,13 +527,15 @@ class ModelledScene:
             before = np.where(changed, np.linalg.norm(points, axis=2), before)
         # A generator of its own: the frames meanwhile draw from the other one.
         (rng,) = self._rng.spawn(1)
-        job = self.model, points, before, self._space, self._settings, rng
+        follows = self.motion is not None
+        job = self.model, points, before, self._space, self._settings, rng, follows
         self._pending = begun(self._background, _revised_stages, *job)
 
-    def _take(self, stages: Stages, view: View) -> str:
+    def _take(self, stages: Stages, view: View, motion: SensorMotion | None) -> str:
         """Replace the environment by a revised one; return a sentence on how it differs."""
         old_ids = _ids(self.model.environment)
         self.stages = self._home = stages
+        self.motion = motion
         self._space.take(view)
         self.check = EnvironmentCheck(self.model, self._settings, revised=True)
         self.track_in_environment()
@@ -549,15 +561,9 @@ def _ids(environment: Environment) -> set[str]:
     return {*(plane.id for plane in planes), *(box.id for box in boxes)}
 
 
-def _settled_view(
-    model: EnvironmentModel, frames: Sequence[NDArray[np.float32]], settings: PerceptionSettings
-) -> SettledView | None:
-    """View that watches the environment in frames (height, width, 3) m, where that is possible
-    and asked for."""
-    if not (settings.revise_environment and is_organised(frames)):
-        return None
-    fused = fused_frame(frames, frames[0].size).astype(np.float32)
-    return SettledView(fused, model.noise)
+def _fused(frames: Sequence[NDArray[np.float32]]) -> NDArray[np.float32] | None:
+    """Medians (height, width, 3) m of the pixels of organised frames."""
+    return fused_frame(frames, frames[0].size).astype(np.float32) if is_organised(frames) else None
 
 
 def _nearest_ranges(frames: Sequence[NDArray[np.float32]]) -> NDArray[np.float32] | None:
@@ -575,9 +581,10 @@ def _revised_stages(
     space: KnownSpace,
     settings: PerceptionSettings,
     rng: np.random.Generator,
-) -> tuple[Stages, View] | None:
-    """Stages for an environment of which something has come or gone, and the view of it; None where
-    its support has.
+    follows_sensor: bool,
+) -> tuple[Stages, View, SensorMotion | None] | None:
+    """Stages for an environment of which something has come or gone, the view of it, and what
+    follows the sensor by that; None where its support has.
 
     `points` (height, width, 3) m, settled readings; `before` (height, width) m, as in `Stages`.
     """
@@ -587,7 +594,8 @@ def _revised_stages(
     revised = with_static_boxes(revised, [points], settings, rng, model.environment.boxes)
     stages = Stages(revised, settings, rng, before)
     stages.prepare(points)
-    return stages, space.view([points], revised.sensor_pose)
+    motion = sensor_motion_in(points, [points], revised, settings) if follows_sensor else None
+    return stages, space.view([points], revised.sensor_pose), motion
 
 
 def perceive_cloud(

@@ -24,7 +24,11 @@ from intuitive_physics_perception.environment.environment_model import (
     model_environment,
 )
 from intuitive_physics_perception.environment.gravity import degrees_between
-from intuitive_physics_perception.environment.standing import FramesFromOnePlace
+from intuitive_physics_perception.environment.standing import (
+    COVERED_TIME,
+    MOVED_TIME,
+    FramesFromOnePlace,
+)
 from intuitive_physics_perception.frame import Frame
 from intuitive_physics_perception.frame_result import (
     FrameDiagnostics,
@@ -37,6 +41,7 @@ from intuitive_physics_perception.hindsight import RecentFrame
 from intuitive_physics_perception.input.frame_order import Timeline
 from intuitive_physics_perception.input.reading_times import reading_span
 from intuitive_physics_perception.scene import ModelledScene, begun
+from intuitive_physics_perception.sensor_motion.sensor_motion import SensorMotion
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import (
     Episode,
@@ -51,8 +56,8 @@ SEARCHES_IN_FRAME = 1
 
 
 class PerceptionPipeline:
-    """Perceives frame after frame of one sensor, which stands still, or whose pose is known; and of
-    further cameras of the same scene, whose poses are known.
+    """Perceives frame after frame of one sensor, which stands still or moves slowly, or whose pose
+    is given; and of further cameras of the same scene, whose poses are given.
 
     The environment stays in the frame in which it was modelled first, wherever the sensor looks
     from. When a sensor that has moved stands still, and nothing that is followed moves, the
@@ -99,6 +104,12 @@ class PerceptionPipeline:
     def model(self) -> EnvironmentModel | None:
         """The environment as it is known now; None while it is not."""
         return self._scene.model if self._scene else None
+
+    @property
+    def sensor_motion(self) -> SensorMotion | None:
+        """What follows the first sensor by what it sees; None where its pose is given, or it cannot
+        be followed."""
+        return self._scene.motion if self._scene else None
 
     def take_up(self, up: ArrayLike) -> None:
         """Take the measured direction against gravity, `up` (3,) in the sensor's frame, of any
@@ -202,6 +213,7 @@ class PerceptionPipeline:
                 pose=frame.pose,
                 measured=up is not None,
                 background=self._background,
+                follows_sensor=frame.pose is None,
             )
             self._followed.take_environment(self._scene.model.environment)
         diagnostics = FrameDiagnostics(seconds=timer.seconds)
@@ -217,15 +229,31 @@ class PerceptionPipeline:
         return self._pose.inverse.after(seen_from).directions(up)
 
     def _see(self, scene: ModelledScene, frame: Frame) -> FrameResult:
-        """Perceive a frame of the first camera, and model the environment again where a camera that
-        has moved stands."""
+        """Perceive a frame of the first camera, from its pose or, where nobody gives that, from
+        where it is by what it sees; model the environment again where a camera that has moved
+        stands."""
         self._pose = frame.pose
+        if scene.motion is not None:
+            scene.motion.follow(frame.points, frame.time)
+            if scene.motion.doubt and not scene.is_at_home:
+                return self._lost(scene.motion, frame.time)
+            frame = replace(frame, pose=scene.seen_pose)
         scene.look_from(frame.pose)
         result = self._perceive(scene, scene, frame)
         if frame.pose is None or self._scene is not scene:
             return result
         self._model_where_it_stands(scene, frame)
         return self._with_new_model(result, frame.pose)
+
+    def _lost(self, motion: SensorMotion, time: float) -> FrameResult:
+        """Return the result of a frame of a sensor that has moved and is not found any more; model
+        the environment again where that lasts."""
+        lasting = motion.lost_for(time)
+        reason = f"for {lasting:.1f} s it is not known how the sensor has moved: {motion.doubt}"
+        if lasting < (COVERED_TIME if motion.is_covered else MOVED_TIME):
+            return self._unused(time, reason)
+        reason += "; the environment is modelled again"
+        return self._model_again(time, reason, self._forget_environment())
 
     def _see_further(self, frame: Frame) -> FrameResult:
         """Perceive a frame of a further camera in the environment of the first."""
@@ -258,7 +286,8 @@ class PerceptionPipeline:
             frames = [
                 self._followed.removed_from(points, scene.model) for points in self._newest.frames
             ]
-            job = frames, self.settings, rng, scene.model, frame.pose, self._background
+            follows = scene.motion is not None
+            job = frames, self.settings, rng, scene.model, frame.pose, self._background, follows
             self._modelling = begun(self._background, _modelled_elsewhere, *job)
             self._newest.forget()
 
@@ -415,6 +444,7 @@ def _modelled_elsewhere(
     known: EnvironmentModel,
     pose: RigidTransform,
     background: Executor | None,
+    follows_sensor: bool,
 ) -> ModelledScene | None:
     """Model a known environment from elsewhere, with the same up; None where nothing shows it.
 
@@ -425,5 +455,12 @@ def _modelled_elsewhere(
     except NoEnvironmentError:
         return None
     return ModelledScene(
-        model, frames, settings, rng, pose=pose, measured=True, background=background
+        model,
+        frames,
+        settings,
+        rng,
+        pose=pose,
+        measured=True,
+        background=background,
+        follows_sensor=follows_sensor,
     )

@@ -30,6 +30,7 @@ from intuitive_physics_perception.environment.settled_view import SettledView
 from intuitive_physics_perception.environment.standing import EnvironmentCheck, is_same_view
 from intuitive_physics_perception.environment.static_boxes import with_static_boxes
 from intuitive_physics_perception.hindsight import Hindsight
+from intuitive_physics_perception.sensor_motion.sensor_motion import SensorMotion, sensor_motion_in
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.stages import Stages
 from intuitive_physics_perception.tracking.episodes import Episode, record_of
@@ -51,7 +52,13 @@ class ModelledScene:
     `model`: of its planes, to which what else stands there is added; `frames` (height, width, 3) m
     each, that it was modelled from; `pose`: of the sensor then, None where it is not known to move;
     `measured`: whether gravity was measured, so that flights are not needed; `background`: in which
-    the environment is revised while frames go on; None revises it at once.
+    the environment is revised while frames go on; None revises it at once; `follows_sensor`: find
+    the sensor by what it sees, as nobody gives its pose.
+
+    Attributes
+    ----------
+    motion : what follows the sensor by what it sees; None where its pose is given, or it cannot be
+        followed
     """
 
     def __init__(
@@ -64,16 +71,23 @@ class ModelledScene:
         pose: RigidTransform | None = None,
         measured: bool = False,
         background: Executor | None = None,
+        follows_sensor: bool = False,
     ) -> None:
         model = with_static_boxes(model, frames, settings, rng)
         self._settings = settings
         self._rng = rng
         self._background = background
-        self._home = pose
+        fused = _fused(frames)
+        self._view: SettledView | None = None
+        if fused is not None and settings.revise_environment:
+            self._view = SettledView(fused, model.noise)
+        self.motion: SensorMotion | None = None
+        if fused is not None and follows_sensor:
+            self.motion = sensor_motion_in(fused, frames, model, settings)
+        self._home = RigidTransform() if pose is None and self.motion is not None else pose
         # From where the sensor is now; None at home.
         self._way: RigidTransform | None = None
-        self._view = _settled_view(model, frames, settings)
-        self._revising: Future[tuple[Stages, View]] | None = None
+        self._revising: Future[tuple[Stages, View, SensorMotion | None]] | None = None
         self._space = KnownSpace(model.noise, spacing_of(frames[-1], rng))
         self._space.take(self._space.view(frames, model.sensor_pose))
         self._looking: Future[View] | None = None
@@ -98,8 +112,21 @@ class ModelledScene:
         """Whether the sensor stands where it stood when the environment was modelled."""
         return self._way is None
 
+    @property
+    def seen_pose(self) -> RigidTransform | None:
+        """The pose of the sensor by what it sees; None where it is not followed."""
+        if self.motion is None or self._home is None:
+            return None
+        return self._home.after(self.motion.way)
+
     def restart(self) -> None:
-        """Forget the last frames, and since when readings have stayed."""
+        """Forget the last frames, since when readings have stayed, and how the sensor has moved by
+        what it saw."""
+        self._forget_frames()
+        if self.motion is not None:
+            self.motion.restart()
+
+    def _forget_frames(self) -> None:
         self.hindsight.forget()
         if self._view is not None:
             self._view.restart()
@@ -113,7 +140,7 @@ class ModelledScene:
         if _is_same(here, self._way):
             return
         if self._way is None:
-            self.restart()
+            self._forget_frames()
         self._way = here
         self.stages.look_from(here)
 
@@ -123,7 +150,10 @@ class ModelledScene:
 
         `points` (height, width, 3) m; `time` in s.
         """
-        return self._check.moved(points, time) if self.is_at_home else ""
+        moved = self._check.moved(points, time) if self.is_at_home else ""
+        if moved and self.motion is not None and self.motion.doubt:
+            moved += f" (how it has moved is not known: {self.motion.doubt})"
+        return moved
 
     def look_about(
         self, points: NDArray[np.float32], clusters: Clusters, followed: FollowedObjects
@@ -183,7 +213,9 @@ class ModelledScene:
         revised, self._revising = self._revising, None
         return self._take(*revised.result())
 
-    def _begin_revision(self, view: SettledView, time: float) -> Future[tuple[Stages, View]]:
+    def _begin_revision(
+        self, view: SettledView, time: float
+    ) -> Future[tuple[Stages, View, SensorMotion | None]]:
         points, changed = view.settled(time)
         view.take_reference(points, time)
         before = self.stages.before
@@ -191,13 +223,14 @@ class ModelledScene:
             before = np.where(changed, np.linalg.norm(points, axis=2), before)
         # A generator of its own: the frames meanwhile draw from the other one.
         (rng,) = self._rng.spawn(1)
-        job = self.model, points, before, self._space, self._settings, rng
+        follows = self.motion is not None
+        job = self.model, points, before, self._space, self._settings, rng, follows
         return begun(self._background, _revised_stages, *job)
 
-    def _take(self, stages: Stages, view: View) -> str:
+    def _take(self, stages: Stages, view: View, motion: SensorMotion | None) -> str:
         """Replace the environment by a revised one; return a sentence on how it differs."""
         old_ids = _ids(self.model.environment)
-        self.stages = stages
+        self.stages, self.motion = stages, motion
         self._space.take(view)
         self._check = EnvironmentCheck(self.model, self._settings, revised=True)
         new_ids = _ids(self.model.environment)
@@ -230,15 +263,9 @@ def _ids(environment: Environment) -> set[str]:
     return {*(plane.id for plane in planes), *(box.id for box in boxes)}
 
 
-def _settled_view(
-    model: EnvironmentModel, frames: Sequence[NDArray[np.float32]], settings: PerceptionSettings
-) -> SettledView | None:
-    """View that watches the environment in frames (height, width, 3) m, where that is possible
-    and asked for."""
-    if not (settings.revise_environment and is_organised(frames)):
-        return None
-    fused = fused_frame(frames, frames[0].size).astype(np.float32)
-    return SettledView(fused, model.noise)
+def _fused(frames: Sequence[NDArray[np.float32]]) -> NDArray[np.float32] | None:
+    """Medians (height, width, 3) m of the pixels of organised frames."""
+    return fused_frame(frames, frames[0].size).astype(np.float32) if is_organised(frames) else None
 
 
 def _nearest_ranges(frames: Sequence[NDArray[np.float32]]) -> NDArray[np.float32] | None:
@@ -256,8 +283,10 @@ def _revised_stages(
     space: KnownSpace,
     settings: PerceptionSettings,
     rng: np.random.Generator,
-) -> tuple[Stages, View]:
-    """Stages for an environment of which something has come or gone, and the view of it.
+    follows_sensor: bool,
+) -> tuple[Stages, View, SensorMotion | None]:
+    """Stages for an environment of which something has come or gone, the view of it, and what
+    follows the sensor by that.
 
     `points` (height, width, 3) m, settled readings; `before` (height, width) m and `space` as in
     `Stages`.
@@ -266,7 +295,8 @@ def _revised_stages(
     revised = with_static_boxes(revised, [points], settings, rng, model.environment.boxes)
     stages = Stages(revised, settings, rng, before, space)
     stages.prepare(points)
-    return stages, space.view([points], revised.sensor_pose)
+    motion = sensor_motion_in(points, [points], revised, settings) if follows_sensor else None
+    return stages, space.view([points], revised.sensor_pose), motion
 
 
 def perceive_cloud(

@@ -10,7 +10,9 @@ from functools import cached_property, partial
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics_perception.environment.environment_model import (
     EnvironmentModel,
     model_environment,
@@ -260,6 +262,44 @@ class CapsuleShape:
         side_cosine = root / (np.sqrt(np.maximum(a, 1e-12)) * self.radius)
         side_cosine *= np.sqrt(a) / lengths
         return np.where(good, side, t), np.where(good, side_cosine, cosine)
+
+
+WORLD_IN_FIXED = RigidTransform(
+    (3.0, -2.0, 0.4), Rotation.from_euler("z", 50, degrees=True).as_quat()
+)
+"""The frame that stands still is neither the world of the room nor where the sensor starts."""
+
+
+class Head:
+    """A camera in a room that a robot's head carries.
+
+    Parameters
+    ----------
+    room : as the fixture makes it, whose camera is moved
+    """
+
+    def __init__(self, room) -> None:
+        self.room = room
+        self._first = RigidTransform(room.origin, Rotation.from_matrix(room.rotation).as_quat())
+        self._camera_rays = room.rays @ room.rotation
+
+    def go(self, shift, angles) -> RigidTransform:
+        """Move the camera from where it began; return its pose in the fixed frame.
+
+        Parameters
+        ----------
+        shift : (3,) m in the world
+        angles : (3,) degrees, about the camera's own axes
+        """
+        turn = Rotation.from_euler("xyz", angles, degrees=True)
+        own = self._first.after(RigidTransform(np.zeros(3), turn.as_quat()))
+        pose = RigidTransform(own.translation + shift, own.orientation)
+        self.room.rotation, self.room.origin = pose.matrix, pose.translation
+        self.room.rays = self._camera_rays @ pose.matrix.T
+        return WORLD_IN_FIXED.after(pose)
+
+    def look(self, balls=(), extra=()):
+        return self.room.points(balls, extra)
 
 
 @pytest.fixture

@@ -9,11 +9,22 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
-from intuitive_physics_perception.environment.standing import STANDING_TIME, is_same_view
+from intuitive_physics_perception.environment.standing import (
+    MOVED_TIME,
+    STANDING_TIME,
+    is_same_view,
+)
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
-from .conftest import BallShape, BoxShape, CapsuleShape, CylinderShape
+from .conftest import (
+    WORLD_IN_FIXED,
+    BallShape,
+    BoxShape,
+    CapsuleShape,
+    CylinderShape,
+    Head,
+)
 
 STEP = 1.0 / 30.0
 RADIUS = 0.05
@@ -22,42 +33,6 @@ FIRST = 6
 
 SETTINGS = PerceptionSettings(environment_frames=FIRST)
 START, VELOCITY = np.array([1.3, -0.5, 0.5]), np.array([0.3, 0.9, 1.4])
-WORLD_IN_FIXED = RigidTransform(
-    (3.0, -2.0, 0.4), Rotation.from_euler("z", 50, degrees=True).as_quat()
-)
-"""The frame that stands still is neither the world of the room nor where the sensor starts."""
-
-
-class Head:
-    """A camera in a room that a robot's head carries.
-
-    Parameters
-    ----------
-    room : as the fixture makes it, whose camera is moved
-    """
-
-    def __init__(self, room) -> None:
-        self.room = room
-        self._first = RigidTransform(room.origin, Rotation.from_matrix(room.rotation).as_quat())
-        self._camera_rays = room.rays @ room.rotation
-
-    def go(self, shift, angles) -> RigidTransform:
-        """Move the camera from where it began; return its pose in the fixed frame.
-
-        Parameters
-        ----------
-        shift : (3,) m in the world
-        angles : (3,) degrees, about the camera's own axes
-        """
-        turn = Rotation.from_euler("xyz", angles, degrees=True)
-        own = self._first.after(RigidTransform(np.zeros(3), turn.as_quat()))
-        pose = RigidTransform(own.translation + shift, own.orientation)
-        self.room.rotation, self.room.origin = pose.matrix, pose.translation
-        self.room.rays = self._camera_rays @ pose.matrix.T
-        return WORLD_IN_FIXED.after(pose)
-
-    def look(self, balls=(), extra=()):
-        return self.room.points(balls, extra)
 
 
 @pytest.fixture
@@ -65,13 +40,18 @@ def head(make_small_room) -> Head:
     return Head(make_small_room(tilt=25.0, seed=12, focal=262.5))
 
 
+FURNITURE = (
+    CylinderShape(1.8, 0.5, 0.12, 0.4),
+    BoxShape((2.4, -0.9, 0.15), (0.4, 0.3, 0.3), 0.5),
+)
+"""What stands about."""
+
 HANGING = (1.6, -0.4, 0.3)
 """Centre of a ball that hangs there, m."""
 
 CLUTTER = (
-    CylinderShape(1.8, 0.5, 0.12, 0.4),
+    *FURNITURE,
     BallShape(HANGING, 0.15),
-    BoxShape((2.4, -0.9, 0.15), (0.4, 0.3, 0.3), 0.5),
     CapsuleShape((2.0, 0.1, 0.5), (0.1, 0.3, 0.2), 0.06),
 )
 """What stands about, or hangs, before the first frame."""
@@ -252,3 +232,65 @@ def test_an_environment_seen_from_elsewhere_is_the_same(corner_model, shift, tur
     back = moved.seen_from(way.inverse)
     assert model.sensor_pose.difference(back.sensor_pose) == pytest.approx((0.0, 0.0), abs=1e-7)
     assert is_same_view(RigidTransform(), model.noise)
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.15, 0.5])
+def test_a_slow_drive_without_poses_keeps_what_is_followed(head, speed) -> None:
+    """As with poses: no new model, one ball, which stays where it is. What stands about shows the
+    way along the floor and the wall."""
+    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
+    place, found, ids, errors = np.array([1.6, 0.1, 0.08]), 0, set(), []
+    for k in range(FIRST + 60):
+        time = max(0.0, (k - FIRST) * STEP)
+        pose = head.go([0.0, speed * time, 0.0], [0.0, 0.0, 0.0])
+        balls = [(place, 0.08)] if k > FIRST else []
+        result = pipeline.process(head.look(balls, FURNITURE), k * STEP)
+        assert result.is_new_model == (k == FIRST - 1), f"frame {k}"
+        assert not result.diagnostics.problem
+        if result.is_new_model:
+            # Where the environment was modelled, and not where the camera is now.
+            to_fixed = pose.after(result.model.sensor_pose.inverse)
+        for item in result.objects:
+            ids.add(item.object.id)
+            errors.append(to_fixed.points(item.state.position) - WORLD_IN_FIXED.points(place))
+        found += len(result.objects) == 1
+    assert found >= 56
+    assert len(ids) == 1
+    assert np.abs(errors).max() < 0.015
+
+
+def test_where_a_camera_without_a_pose_comes_to_rest_the_environment_keeps_its_frame(head) -> None:
+    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
+    place, models, ids = np.array([1.6, 0.1, 0.08]), [], set()
+    for k in range(FIRST + 60):
+        gone = min(max(0, k - FIRST), 15)
+        pose = head.go([0.0, 0.01 * gone, 0.0], [0.0, -0.4 * gone, 0.0])
+        balls = [(place, 0.08)] if k > FIRST else []
+        result = pipeline.process(head.look(balls, FURNITURE), k * STEP)
+        if result.is_new_model:
+            models.append((k, pose.after(result.model.sensor_pose.inverse)))
+        ids.update(item.object.id for item in result.objects)
+    (first, was), (second, now) = models
+    assert first == FIRST - 1
+    assert second == pytest.approx(FIRST + 15 + STANDING_TIME / STEP, abs=3)
+    shift, angle = was.difference(now)
+    assert shift < 0.01
+    assert angle < 0.005
+    assert len(ids) == 1
+
+
+def test_a_camera_that_is_not_found_says_why_and_models_again(head) -> None:
+    pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(0))
+    results = []
+    for k in range(40):
+        gone = max(0, k - FIRST)
+        shift = [0.0, 0.01 * gone, 0.0] if gone < 10 else [0.0, 0.1, 0.4]
+        head.go(shift, [0.0, 0.0, 0.0])
+        results.append(pipeline.process(head.look(extra=FURNITURE), k * STEP))
+    moved = [k for k, result in enumerate(results) if result.moved]
+    lost = [k for k, result in enumerate(results) if result.diagnostics.problem]
+    assert lost == [*range(FIRST + 10, moved[0] + 1)]
+    assert moved == pytest.approx([lost[0] + MOVED_TIME / STEP], abs=1.1)
+    for k in lost:
+        assert "it is not known how the sensor has moved: " in results[k].diagnostics.problem
+    assert [k for k, result in enumerate(results) if result.is_new_model][1:] == [moved[0] + FIRST]

@@ -111,7 +111,7 @@ PARAMETERS = [
         "",
         "frame that stands still, such as map or odom, in which tf has the pose of a sensor that "
         "moves, or of each of several cameras, at the time of each frame; empty: the sensor stands "
-        "still",
+        "still, or moves slowly and is found by what it sees",
     ),
     Parameter(
         "target_frame",
@@ -151,6 +151,7 @@ class PerceptionNode(ManagedNode):
         self._rebuild, self._last_time = False, -np.inf
         self._sensor_frame = ""
         self._newest: tuple[Header, FrameResult] | None = None
+        self._hung: RigidTransform | None = None
         self._stamps: dict[float, StampSeconds] = {}
         self._frames = self._restarts = self._moves = self._late_before = 0
         self._cameras = ["", *_further_cameras(values["further_cameras"], values["fixed_frame"])]
@@ -189,7 +190,7 @@ class PerceptionNode(ManagedNode):
             )
             self._input.add(camera, frames)
         self.diagnostics.add("environment", self._check_environment)
-        self.diagnostics.add("pose of the sensor", self._fixed.check)
+        self.diagnostics.add("pose of the sensor", self._check_sensor)
         for camera in self._cameras[1:]:
             self.diagnostics.add(f"pose of {camera}", partial(self._check_pose, camera))
         self.diagnostics.add("frame of what is published", self._frame.check)
@@ -308,8 +309,10 @@ class PerceptionNode(ManagedNode):
         model = result.model
         if model is None:
             return
-        if result.is_new_model:
+        # Without a given pose the sensor's frame moves where the sensor does.
+        if result.is_new_model or (pose is None and model.sensor_pose is not self._hung):
             self._fixed.hang(self._environment, model, header, pose)
+            self._hung = model.sensor_pose
         if self._frame.follow(header, model):
             environment = self._frame.environment()
             self._environment.publish(
@@ -375,6 +378,24 @@ class PerceptionNode(ManagedNode):
         if model.gravity_doubt:
             return Status(Level.WARN, model.gravity_doubt, values)
         return Status(Level.OK, f"{len(model.detected)} planes", values)
+
+    def _check_sensor(self) -> Status:
+        """Say whether it is known where the first sensor is."""
+        motion = self._pipeline.sensor_motion
+        if self._fixed.name or motion is None:
+            return self._fixed.check()
+        values = {"what its view does not show": motion.unseen or "nothing"}
+        if motion.doubt:
+            return Status(
+                Level.WARN, f"how the sensor has moved is not known: {motion.doubt}", values
+            )
+        shift, angle = RigidTransform().difference(motion.way)
+        return Status(
+            Level.OK,
+            f"by what it sees the sensor has moved by {100.0 * shift:.1f} cm and "
+            f"{np.degrees(angle):.1f}° since the environment was modelled",
+            values,
+        )
 
     def _check_pose(self, camera: str) -> Status:
         """Say whether a further camera's pose fits what it and the first camera see."""

@@ -1,0 +1,1 @@
+"""How a sensor without a known pose has moved since its environment was modelled."""

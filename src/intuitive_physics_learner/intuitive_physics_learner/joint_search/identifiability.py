@@ -36,7 +36,9 @@ from intuitive_physics_learner.joint_estimation.order_of_fits import StagedFit
 from intuitive_physics_learner.joint_estimation.profiles import (
     UNIFORM,
     curvature_posterior,
+    curvature_simulations,
     is_one_sided,
+    move_simulations,
     one_sided_moves,
 )
 from intuitive_physics_learner.joint_estimation.widened_information import (
@@ -111,15 +113,17 @@ def identifiability_of_optimum(
 ) -> Identifiability:
     """State what is identified and how well, at a θ_s that was found by lowering J.
 
-    The fit begins there, with nothing known but the bounds, and ends early where half of the time
-    is over.
+    The fit begins there, with nothing known but the bounds, and ends early where the time is needed
+    for what comes after it.
     """
     unit = task.searched.to_unit(parameters)
     fit = JointFit(replace(task, knowledge=Gaussian.within_bounds(unit)).fit_task, FAR_AT_ONCE)
-    half = 0.5 * seconds_left()
+    began = seconds_left()
     while fit.steps < MOST_STEPS and not fit.settled:
         fit.step()
-        if seconds_left() < half:
+        left = seconds_left()
+        later = 2.0 * curvature_simulations(fit) + move_simulations(fit)
+        if left < (began - left) * later / fit.model.simulations:
             break
     posterior = curvature_posterior(fit)
     free, ends = one_sided_moves(fit, posterior.deviations)

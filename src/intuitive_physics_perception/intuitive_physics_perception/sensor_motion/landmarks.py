@@ -67,7 +67,7 @@ EDGE_DEVIATION = 0.7
 rounding, and as much of noise."""
 
 MOST_THINGS = 15
-"""Things that may move by themselves and are kept apart; farther ones count as one."""
+"""Things that may move by themselves and are kept apart; smaller ones count as one."""
 
 
 @dataclass(frozen=True, eq=False)

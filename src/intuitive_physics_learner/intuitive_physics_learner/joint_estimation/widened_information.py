@@ -1,4 +1,4 @@
-"""Information on θ_s that is less certain, and still tells the same combinations apart."""
+"""Information on θ_s with larger standard deviations, along the same combinations of parameters."""
 
 from __future__ import annotations
 

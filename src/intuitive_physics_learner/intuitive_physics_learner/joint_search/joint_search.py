@@ -94,7 +94,7 @@ class JointSearch(Search):
 
     @property
     def fits_trajectories(self) -> bool:
-        """Whether `fit` is what was found, so that it says what is known."""
+        """Whether the result is that of `fit`, whose posterior then gives the uncertainties."""
         return not self.lowers_cost and self._staged.steps > 0
 
     @property

@@ -178,7 +178,7 @@ def _at_rest(
     """Landmarks where single frames (height, width, 3) m of a sensor at rest show them on average,
     and the scale of all residuals there.
 
-    Patches on planes stay: there are so many readings on these that they are better known. Others
+    Patches on planes stay: a plane is known better than any frame shows one of its patches. Others
     may be curved.
     """
     here = RigidTransform()

@@ -24,11 +24,7 @@ from intuitive_physics_perception.environment.environment_model import (
     model_environment,
 )
 from intuitive_physics_perception.environment.gravity import degrees_between
-from intuitive_physics_perception.environment.standing import (
-    COVERED_TIME,
-    MOVED_TIME,
-    FramesFromOnePlace,
-)
+from intuitive_physics_perception.environment.standing import FramesFromOnePlace, time_until_moved
 from intuitive_physics_perception.frame import Frame
 from intuitive_physics_perception.frame_result import (
     FrameDiagnostics,
@@ -250,7 +246,7 @@ class PerceptionPipeline:
         the environment again where that lasts."""
         lasting = motion.lost_for(time)
         reason = f"for {lasting:.1f} s it is not known how the sensor has moved: {motion.doubt}"
-        if lasting < (COVERED_TIME if motion.is_covered else MOVED_TIME):
+        if lasting < time_until_moved(is_covered=motion.is_covered):
             return self._unused(time, reason)
         reason += "; the environment is modelled again"
         return self._model_again(time, reason, self._forget_environment())

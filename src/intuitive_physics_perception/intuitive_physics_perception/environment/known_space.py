@@ -78,7 +78,7 @@ class KnownSpace:
     """
 
     def __init__(self, noise: RangeNoise, spacing: float) -> None:
-        self._noise = np.square([noise.constant, noise.quadratic, noise.limit]).astype(np.float32)
+        self._noise = noise.squares[:3].astype(np.float32)
         self._side = int(np.ceil(2.0 / (PIXELS_IN_CELL * max(spacing, 1e-4))))
         self._views: list[View] = []
 

@@ -85,6 +85,11 @@ class RangeNoise:
             settings.correlated_readings,
         )
 
+    @property
+    def squares(self) -> NDArray[np.float64]:
+        """Squares (4,) of the constant, the quadratic part, the limit and the lateral deviation."""
+        return np.square([self.constant, self.quadratic, self.limit, self.lateral])
+
     def deviation(self, ranges: ArrayLike) -> NDArray[np.float64]:
         """Return the standard deviation (...,) m, along the ray, at `ranges` (...,) m."""
         r2 = np.square(np.asarray(ranges, dtype=np.float64))

@@ -106,9 +106,8 @@ class RayPlanes:
 def limits_of(noise: RangeNoise, settings: PerceptionSettings) -> NDArray[np.float32]:
     """Return squares of the smallest and largest range and of the noise's constant, quadratic part
     and limit, (5,): single precision halves the time of a frame and is far below the noise."""
-    ranges = settings.min_range, settings.max_range
-    numbers = np.array([*ranges, noise.constant, noise.quadratic, noise.limit])
-    return np.square(numbers).astype(np.float32)
+    ranges = np.square([settings.min_range, settings.max_range])
+    return np.concatenate([ranges, noise.squares[:3]]).astype(np.float32)
 
 
 def _bounds_of(

@@ -33,6 +33,14 @@ CHECKED_POINTS = 1200
 """Points of each frame, evenly over it, that are compared with the planes: bounds the time."""
 
 
+def time_until_moved(*, is_covered: bool) -> float:
+    """Return for how long, s, a sensor must not be where it was until it counts as moved.
+
+    `is_covered`: whether something hides nearly all.
+    """
+    return COVERED_TIME if is_covered else MOVED_TIME
+
+
 def is_same_view(way: RigidTransform, noise: RangeNoise) -> bool:
     """Return whether a sensor has moved by less than what its readings' noise hides."""
     shift, angle = RigidTransform().difference(way)
@@ -132,7 +140,7 @@ class EnvironmentCheck:
         if self._since is None or time < self._since:
             self._since = time
         lasting = time - self._since
-        if lasting < (COVERED_TIME if covered else MOVED_TIME):
+        if lasting < time_until_moved(is_covered=covered):
             return ""
         if covered:
             return (

@@ -188,13 +188,14 @@ def compare(
 def _noise_numbers(
     points: NDArray[np.float32], compared: int, noise: RangeNoise
 ) -> NDArray[np.float64]:
-    """Squares of constant, quadratic part, limit and lateral deviation of the noise, (4,), of a
-    frame of which so many readings are compared: those apart by more than a matching window share
-    no error."""
+    """Squares (4,) as of `RangeNoise.squares`, raised by the errors that readings share: those
+    farther apart than a matching window share none.
+
+    `points` (height, width, 3) m; `compared`: number of its readings that are compared.
+    """
     part = min(compared / max(points.shape[0] * points.shape[1], 1), 1.0)
     shared = 1.0 + (noise.correlated - 1.0) * part
-    parts = np.array([noise.constant, noise.quadratic, noise.limit, noise.lateral])
-    return np.asarray(shared * np.square(parts))
+    return np.asarray(shared * noise.squares)
 
 
 @entry

@@ -14,7 +14,7 @@ from intuitive_physics_perception.environment.environment_model import Environme
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.planes import DetectedPlane
 from intuitive_physics_perception.environment.ray_planes import RayPlanes
-from intuitive_physics_perception.sensor_motion.lens import fitted_lens
+from intuitive_physics_perception.sensor_motion.lens import fitted_lens, slopes_of
 from intuitive_physics_perception.settings import PerceptionSettings
 
 PATCH_SIDE = 5
@@ -38,7 +38,7 @@ ON_PLANE_ANGLE = 0.1
 standard deviations of its own."""
 
 PLANE_PATCHES = 150
-"""Patches that are kept of each plane, evenly: these many determine its three numbers."""
+"""Patches that are kept of each plane, evenly: enough to determine its three numbers."""
 
 OTHER_PATCHES = 600
 """Patches that are kept of all else, as evenly as possible over the directions of their normals."""
@@ -215,15 +215,7 @@ def _fitted_patches(
     variances, spreads = np.empty(len(rows)), np.empty((len(rows), 3, 3))
     # The median of n readings has π / 2 times the variance of their mean.
     share = 1.0 if frames == 1 else 0.5 * np.pi / frames
-    numbers = np.array(
-        [
-            share * noise.constant**2,
-            share * noise.quadratic**2,
-            share * noise.limit**2,
-            share * noise.lateral**2,
-            noise.correlated,
-        ]
-    )
+    numbers = np.append(share * noise.squares, noise.correlated)
     axes = np.empty((3, 3))
     _fit_patches(points, rows, columns, numbers, places, normals, variances, spreads, axes)
     flat = np.isfinite(places[:, 0])
@@ -362,7 +354,7 @@ def _is_on(
 
 
 def _evenly(which: NDArray[np.int64], most: int) -> NDArray[np.int64]:
-    """At most so many of indices (n,), evenly."""
+    """Indices (m,), at most `most`, spaced evenly over those given, (n,)."""
     return which[np.linspace(0, len(which) - 1, min(most, len(which))).astype(np.int64)]
 
 
@@ -422,7 +414,7 @@ def _edge_landmarks(
     table: NDArray[np.float64], things: NDArray[np.int64], lens: NDArray[np.float64]
 ) -> Landmarks:
     """Landmarks at rows, columns, directions across in rows and columns, and ranges, (n, 5)."""
-    slopes, jacobian = _slopes_at(table[:, :2], lens)
+    slopes, jacobian = slopes_of(table[:, :2], lens)
     directions = np.column_stack([slopes, np.ones(len(slopes))])
     lengths = np.linalg.norm(directions, axis=1)
     depths = table[:, 4] / lengths
@@ -440,26 +432,6 @@ def _edge_landmarks(
         np.ones(len(places), dtype=bool),
         lens,
     )
-
-
-def _slopes_at(
-    pixels: NDArray[np.float64], lens: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Slopes (n, 2) of the rays of pixels (n, 2), rows and columns, by Newton's steps; and there
-    the derivatives (n, 2, 2) of row and column with respect to them."""
-    linear = lens[1:3].T
-    slopes = (pixels - lens[0]) @ np.linalg.inv(linear).T
-    jacobian = np.broadcast_to(linear, (len(pixels), 2, 2))
-    for _ in range(4):
-        a, b = slopes.T
-        one, none = np.ones_like(a), np.zeros_like(a)
-        basis = np.stack([one, a, b, a * a, a * b, b * b, a**3, a * a * b, a * b * b, b**3])
-        by_a = np.stack([none, one, none, 2 * a, b, none, 3 * a * a, 2 * a * b, b * b, none])
-        by_b = np.stack([none, none, one, none, a, 2 * b, none, a * a, 2 * a * b, 3 * b * b])
-        jacobian = np.stack([by_a.T @ lens, by_b.T @ lens], axis=2)
-        miss = pixels - basis.T @ lens
-        slopes = slopes + np.linalg.solve(jacobian, miss[:, :, None])[:, :, 0]
-    return slopes, jacobian
 
 
 @entry

@@ -1,4 +1,4 @@
-"""Where a sensor with fixed pixels reads a direction."""
+"""Where a sensor with fixed pixels reads a direction, and which direction a pixel reads."""
 
 from __future__ import annotations
 
@@ -19,6 +19,9 @@ FITTED_READINGS = 2000
 LARGEST_ERROR = 0.5
 """Pixels, root mean square, by which the polynomials may miss: the nearest pixel is found."""
 
+NEWTON_STEPS = 4
+"""Steps to the slopes that a pixel reads: numerical, the polynomials are nearly linear."""
+
 
 def fitted_lens(points: NDArray[np.float32]) -> NDArray[np.float64] | None:
     """Return row and column as polynomials (10, 2) in the slopes x/z and y/z of a ray; None where
@@ -32,14 +35,39 @@ def fitted_lens(points: NDArray[np.float32]) -> NDArray[np.float64] | None:
     if len(rows) < 10 * TERMS:
         return None
     x, y, z = points[rows, columns].T.astype(np.float64)
-    a, b = x / z, y / z
-    basis = np.stack(
-        [np.ones_like(a), a, b, a * a, a * b, b * b, a**3, a * a * b, a * b * b, b**3], axis=1
-    )
+    basis = _terms(x / z, y / z).T
     pixels = np.stack([rows, columns], axis=1).astype(np.float64)
     lens, *_ = np.linalg.lstsq(basis, pixels, rcond=1e-9)
     error2 = np.square(basis @ lens - pixels).sum(axis=1).mean()
     return np.ascontiguousarray(lens) if error2 < LARGEST_ERROR**2 else None
+
+
+def slopes_of(
+    pixels: NDArray[np.float64], lens: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the slopes (n, 2) of the rays of pixels (n, 2), rows and columns; and there the
+    derivatives (n, 2, 2) of row and column with respect to them. By Newton's steps.
+
+    `lens` (10, 2) as of `fitted_lens`.
+    """
+    linear = lens[1:3].T
+    slopes = (pixels - lens[0]) @ np.linalg.inv(linear).T
+    jacobian = np.broadcast_to(linear, (len(pixels), 2, 2))
+    for _ in range(NEWTON_STEPS):
+        a, b = slopes.T
+        one, none = np.ones_like(a), np.zeros_like(a)
+        by_a = np.stack([none, one, none, 2 * a, b, none, 3 * a * a, 2 * a * b, b * b, none])
+        by_b = np.stack([none, none, one, none, a, 2 * b, none, a * a, 2 * a * b, 3 * b * b])
+        jacobian = np.stack([by_a.T @ lens, by_b.T @ lens], axis=2)
+        miss = pixels - _terms(a, b).T @ lens
+        slopes = slopes + np.linalg.solve(jacobian, miss[:, :, None])[:, :, 0]
+    return slopes, jacobian
+
+
+def _terms(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Terms (10, n) of polynomials up to the third degree in slopes (n,)."""
+    one = np.ones_like(a)
+    return np.stack([one, a, b, a * a, a * b, b * b, a**3, a * a * b, a * b * b, b**3])
 
 
 @kernel

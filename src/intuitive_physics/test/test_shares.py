@@ -55,7 +55,7 @@ def test_others_at_work_hold_nobody_up():
     # A batch that holds all of its threads, while another one of two threads comes and goes.
     free = threading.Event()
     long = threading.Thread(
-        target=run_in_shares, args=(lambda first, last: free.wait(20.0), 64, 64, 1)
+        target=run_in_shares, args=(lambda first, last: free.wait(20.0), 256, 256, 1)
     )
     long.start()
     done = []

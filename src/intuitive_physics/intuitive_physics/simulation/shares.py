@@ -16,8 +16,9 @@ Room = TypeVar("Room")
 PIECES = 2
 """Shares of what is left for each thread: worlds differ in cost."""
 
-MOST_THREADS = 64
-"""Threads of all batches together; without a free one the calling thread does the work."""
+MOST_HELPERS = max(1, (os.cpu_count() or 1) - 1)
+"""Threads of all batches together beside those that ask for them, one for each other core. Without
+a free one the calling thread does the work: shares within shares would wait for each other."""
 
 
 def run_in_shares(
@@ -119,7 +120,7 @@ def _helpers() -> ThreadPoolExecutor:
     """Return this process's threads, which are made as they are needed and kept."""
     with _making:
         if not _pools:
-            _pools.append(ThreadPoolExecutor(MOST_THREADS, thread_name_prefix="simulation"))
+            _pools.append(ThreadPoolExecutor(MOST_HELPERS, thread_name_prefix="simulation"))
         return _pools[0]
 
 

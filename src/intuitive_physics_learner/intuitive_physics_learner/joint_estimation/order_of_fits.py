@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import methodcaller
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ from scipy.sparse.csgraph import connected_components
 
 from intuitive_physics.observation import Observation
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
+from intuitive_physics.simulation.shares import mapped_in_shares
 from intuitive_physics_learner.joint_estimation.joint_fit import (
     FIXED_HORIZONS,
     LARGEST_VOTE,
@@ -342,9 +344,9 @@ class StagedFit:
         """Take a step of each separate fit, or once these have ended, of the joint one."""
         self.steps += 1
         unfinished = self._unfinished()
-        for part in unfinished:
-            part.fit.step()
         if unfinished:
+            step = methodcaller("step")
+            mapped_in_shares(step, [part.fit for part in unfinished], self.joint.model.cost.threads)
             self._take_over()
         else:
             self.jointly.step()

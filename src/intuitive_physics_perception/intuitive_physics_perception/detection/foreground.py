@@ -48,8 +48,8 @@ class Clusters:
     new : for each cluster whether it came where nothing was, or is an object of the last frame
     foreground : number of points off all planes
     readings : number of points in range
-    marks : (height, width) of each point off all planes KNOWN, NEW or UNKNOWN, 0 of the others;
-        None where nothing is known of the space
+    marks : (height, width) of each point off all planes KNOWN, NEW, UNKNOWN or BEHIND, 0 of the
+        others; None where nothing is known of the space
     """
 
     indices: list[NDArray[np.int64]]
@@ -67,7 +67,7 @@ class Clusters:
 
     @property
     def unknown(self) -> int:
-        """Number of points where nobody has looked before."""
+        """Number of points in directions in which nobody has seen anything before."""
         return 0 if self.marks is None else int(np.count_nonzero(self.marks == UNKNOWN))
 
 

@@ -15,9 +15,10 @@ from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.kernels import entry, kernel
 from intuitive_physics_perception.environment.noise import CHANGE_SIGMAS, RangeNoise
 
-KNOWN, NEW, UNKNOWN = 1, 2, 3
+KNOWN, NEW, UNKNOWN, BEHIND = 1, 2, 3, 4
 """Marks of readings before all planes: what stood there before, what came where one had looked and
-nothing stood, and what lies where nobody has looked."""
+nothing stood, and what lies where nobody has looked, in a direction in which no ray from the same
+place has shown anything, or behind what it has shown: there looking once more shows no more."""
 
 PIXELS_IN_CELL = 2.0
 """Readings along a cell of directions: with its neighbours it covers the pixel beside a ray from
@@ -62,6 +63,17 @@ class View:
         """Rotation (3, 3) of the way."""
         return self.way.matrix
 
+    def is_from(self, way: RigidTransform) -> bool:
+        """Whether a way leads to the place of this view."""
+        return max(self.way.difference(way)) < SAME_PLACE
+
+    def fill(self, other: View) -> None:
+        """Enter what another view from the same place shows where this one shows nothing."""
+        for face in np.flatnonzero(np.isfinite(other.nearest).any(axis=(1, 2))).tolist():
+            empty = np.isinf(self.nearest[face])
+            np.copyto(self.nearest[face], other.nearest[face], where=empty)
+            np.copyto(self.farthest[face], other.farthest[face], where=empty)
+
 
 class KnownSpace:
     """The space that a sensor has looked at, from one place or from several, in a frame that stands
@@ -103,27 +115,25 @@ class KnownSpace:
     def fill(self, view: View) -> None:
         """Take what a view shows that the one from the same place did not, if there is one: a
         scanner whose pattern does not repeat fills it frame after frame."""
-        near = [max(old.way.difference(view.way)) < SAME_PLACE for old in self._views]
-        if not any(near):
-            self.take(view)
-            return
-        k = near.index(True)
-        old = self._views[k]
-        empty = np.isinf(old.nearest)
-        nearest = np.where(empty, view.nearest, old.nearest)
-        self._views[k] = View(old.way, nearest, np.where(empty, view.farthest, old.farthest))
+        for old in self._views:
+            if old.is_from(view.way):
+                old.fill(view)
+                return
+        self.take(view)
 
     def marks(self, readings: NDArray[np.float32], pose: RigidTransform) -> NDArray[np.uint8]:
-        """Return what is known of where readings lie: KNOWN, NEW or UNKNOWN, (n,).
+        """Return what is known of where readings lie: KNOWN, NEW, UNKNOWN or BEHIND, (n,).
 
         `readings` (n, 3) m in the sensor's frame; `pose`: of the sensor.
         """
         marks = np.full(len(readings), UNKNOWN, dtype=np.uint8)
-        turned, shifted = pose.matrix, pose.translation
+        turned, shifted, here = pose.matrix, pose.translation, pose.inverse
         for view in reversed(self._views):
             turn = (view.turn @ turned).astype(np.float32)
             shift = (view.turn @ shifted + view.way.translation).astype(np.float32)
-            _judge(readings, turn, shift, view.nearest, view.farthest, self._noise, marks)
+            undecided = BEHIND if view.is_from(here) else UNKNOWN
+            seen = view.nearest, view.farthest
+            _judge(readings, turn, shift, *seen, self._noise, undecided, marks)
         return marks
 
 
@@ -182,15 +192,23 @@ def _spread(
 
 @entry
 def _judge(
-    readings: Any, turn: Any, shift: Any, nearest: Any, farthest: Any, noise: Any, marks: Any
+    readings: Any,
+    turn: Any,
+    shift: Any,
+    nearest: Any,
+    farthest: Any,
+    noise: Any,
+    undecided: int,
+    marks: Any,
 ) -> None:
-    """Mark those readings (n, 3) m that are still UNKNOWN by one view.
+    """Mark those readings (n, 3) m that are still UNKNOWN or BEHIND by one view.
 
-    `turn` (3, 3) and `shift` (3,) m: into the frame of the view.
+    `turn` (3, 3) and `shift` (3,) m: into the frame of the view; `undecided` : mark of those in a
+    direction in which it shows something, but not whether they are known or new.
     """
     side = nearest.shape[1]
     for i in range(readings.shape[0]):
-        if marks[i] != UNKNOWN:
+        if marks[i] == KNOWN or marks[i] == NEW:
             continue
         px, py, pz = readings[i, 0], readings[i, 1], readings[i, 2]
         x = turn[0, 0] * px + turn[0, 1] * py + turn[0, 2] * pz + shift[0]
@@ -216,6 +234,8 @@ def _judge(
             is_edge and length > near + CHANGE_SIGMAS * np.sqrt(variance) and length < far - beyond
         ):
             marks[i] = KNOWN
+        elif marks[i] == UNKNOWN:
+            marks[i] = undecided
 
 
 @kernel

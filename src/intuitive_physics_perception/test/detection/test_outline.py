@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.sphere_inspection import look_round_outline
-from intuitive_physics_perception.environment.known_space import KNOWN, NEW, UNKNOWN
+from intuitive_physics_perception.environment.known_space import BEHIND, KNOWN, NEW, UNKNOWN
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -195,7 +195,9 @@ def test_the_ring_tells_a_ball_from_a_bulge() -> None:
     assert (np.mean(view.going_on > 0.5), view.level, view.ends) == (1.0, 1.0, 0.0)
 
 
-@pytest.mark.parametrize(("mark", "part"), [(NEW, 1.0), (KNOWN, 0.0), (UNKNOWN, 0.0)])
+@pytest.mark.parametrize(
+    ("mark", "part"), [(NEW, 1.0), (KNOWN, 0.0), (UNKNOWN, 0.0), (BEHIND, 0.0)]
+)
 def test_only_what_lies_where_nothing_was_is_new(mark, part) -> None:
     sphere = [0.0, 0.0, 1.0, 0.08]
     assert outline_view(mark, [ball(sphere[:3], 0.08)], sphere).new == part

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from intuitive_physics_perception.detection.cluster_view import readings_in_cone
 from intuitive_physics_perception.detection.foreground import (
+    CELLS_PER_GAP,
     LINES_APART,
     ForegroundFinder,
     neighbour_labels,
@@ -108,6 +111,25 @@ def lines_on_a_sphere(line_gap: float) -> np.ndarray:
     square = along**2 - center @ center + radius**2
     near = square > 0.0
     return rays[near] * (along[near] - np.sqrt(square[near]))[:, None]
+
+
+@settings(deadline=None)
+@given(st.integers(1, 300), st.floats(0.04, 1.0), st.integers(0, 10_000))
+def test_clusters_hang_together_by_pairs_nearer_than_the_gap(count, gap, seed) -> None:
+    """As the components of the graph of all such pairs, where no cell holds two readings."""
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(count, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    logarithms = rng.uniform(-0.5, 0.5, count)
+    places = np.column_stack([directions, logarithms])
+    cells = np.floor(places * CELLS_PER_GAP / gap)
+    _, alone = np.unique(cells, axis=0, return_index=True)
+    places = places[np.sort(alone)]
+    near = np.linalg.norm(places[:, None] - places, axis=2) <= gap
+    _, expected = connected_components(csr_array(near))
+    labels = neighbour_labels(np.exp(places[:, 3:]) * places[:, :3], gap)
+    assert len({*zip(labels.tolist(), expected.tolist(), strict=True)}) == expected.max() + 1
+    assert labels.max() == expected.max()
 
 
 @pytest.mark.parametrize("line_gap", [1.0, 2.0, 3.0])

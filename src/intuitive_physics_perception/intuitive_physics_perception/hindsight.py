@@ -97,8 +97,7 @@ class Hindsight:
         return None
 
     def _search_next(self, track: Track, tracker: Tracker, stages: Stages) -> bool:
-        """Search the newest frame before those that were searched for a track; False where there
-        is none in which it can be expected."""
+        """Search the next older frame for a track; False where it can be expected in none."""
         recent = self.before(self._searched_until.get(track.number, np.inf), track.number)
         if recent is None or track.earlier is None:
             return False

@@ -92,8 +92,7 @@ class ClusterView:
         return np.ascontiguousarray(self.points[near]).reshape(-1, 3)
 
     def _window(self, sphere: NDArray[np.float64]) -> tuple[tuple[slice, slice], int]:
-        """Rows and columns of an organised cloud that hold a sphere's outline and what is round
-        it, and how many readings each that they take stands for."""
+        """Rows and columns that hold what is about a sphere, and what each reading stands for."""
         height, width = self.points.shape[:2]
         distance = float(np.linalg.norm(sphere[:3]))
         axis = sphere[:3] / distance

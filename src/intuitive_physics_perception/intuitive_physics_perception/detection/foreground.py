@@ -157,10 +157,7 @@ class ForegroundFinder:
         return marks.reshape(points.shape[:2]), readings, is_known
 
     def _free_of(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Squared range at which each ray comes to a plane, (height, width) m².
-
-        A pixel of an organised cloud always has the same ray, so it is computed only once.
-        """
+        """Squared range (height, width) m² at which each ray, always the same, meets a plane."""
         if self._free.shape != points.shape[:2]:
             self._free = np.zeros(points.shape[:2], dtype=np.float32)
             self._known = np.zeros(points.shape[:2], dtype=bool)
@@ -248,10 +245,9 @@ def neighbour_labels(points: NDArray[np.float64], gap: float) -> NDArray[np.int6
 
 @allocating_entry
 def _connected_components(edges: Any, count: int) -> Any:
-    """Return the connected component (count,) of each node of a graph, numbered from 0 in the order
-    of their first nodes; in half of the time that SciPy takes to make a matrix of the edges first.
+    """Return the component (count,) of each node of a graph, in half the time that SciPy takes.
 
-    `edges` (m, 2) int64, the two nodes of each.
+    `edges` (m, 2) int64, the two nodes of each; numbers are in the order of their first nodes.
     """
     parent = np.arange(count)
     for k in range(edges.shape[0]):

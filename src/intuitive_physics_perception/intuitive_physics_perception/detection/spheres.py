@@ -197,8 +197,7 @@ class SphereFinder:
         return None
 
     def _without_static(self, part: ClusterSpheres) -> ClusterSpheres:
-        """A cluster's spheres without those that were there from the start and are none in most
-        frames."""
+        """A cluster's spheres without those that were there from the start and are seldom one."""
         balls = [
             sphere
             for sphere in part.spheres
@@ -278,8 +277,7 @@ class SphereFinder:
     def _off(
         self, points: NDArray[np.float64], spheres: Iterable[DetectedSphere]
     ) -> NDArray[np.bool_]:
-        """Mark the points (n,) whose rays pass all of some spheres far enough not to be of them:
-        noise must not make a second sphere of the readings that stray farthest."""
+        """Mark the points (n,) whose rays pass all of some spheres by more than noise may stray."""
         off = np.ones(len(points), dtype=bool)
         for sphere in spheres:
             stray = STRAY_SIGMAS * self._lateral * sphere.range
@@ -349,8 +347,7 @@ def _followed_in(
     starts: NDArray[np.int64],
     expected: Sequence[Start],
 ) -> list[list[Start]]:
-    """The spheres, of those expected, that come near a point of each cluster; points (n, 3) m and
-    clusters as in `reached_by`."""
+    """The expected spheres that come near a point of each cluster; arguments as of `reached_by`."""
     if not expected:
         return [[] for _ in starts[1:]]
     reach = np.array([start.sphere * [1.0, 1.0, 1.0, EXPECTED_REACH] for start in expected])

@@ -184,10 +184,7 @@ def _spread(
 def _judge(
     readings: Any, turn: Any, shift: Any, nearest: Any, farthest: Any, noise: Any, marks: Any
 ) -> None:
-    """Mark those readings (n, 3) m that are still UNKNOWN by one view.
-
-    `turn` (3, 3) and `shift` (3,) m: into the frame of the view.
-    """
+    """Mark readings that are still UNKNOWN by one view, whose frame `turn` and `shift` lead to."""
     side = nearest.shape[1]
     for i in range(readings.shape[0]):
         if marks[i] != UNKNOWN:

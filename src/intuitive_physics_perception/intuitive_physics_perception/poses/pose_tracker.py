@@ -62,6 +62,9 @@ class PoseTracker:
                 f"objects have the ids {[item.object.id for item in objects]}; expected each once"
             )
         self._settings = PerceptionSettings()
+        self._time = -np.inf
+        self._trackers: dict[str, Tracker] = {}
+        self._episodes = EpisodeRecorder(environment, self._settings)
         self._begin()
 
     def update(

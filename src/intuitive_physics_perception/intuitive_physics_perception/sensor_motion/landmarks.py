@@ -427,8 +427,7 @@ def _edge_landmarks(
 
 @entry
 def _mark_edges(ranges: Any, side: int, marks: Any) -> None:
-    """Mark the last reading of each surface along the lines of an image, towards a side, before
-    something farther."""
+    """Mark the last reading of each surface, towards a side, before something farther."""
     height, width = ranges.shape
     for v in range(height):
         for u in range(2, width - 2):

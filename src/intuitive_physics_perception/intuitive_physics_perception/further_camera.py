@@ -9,15 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
-from intuitive_physics_perception.environment.environment_model import (
-    EnvironmentModel,
-    NoEnvironmentError,
-    model_environment,
-)
+from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.environment.gravity import degrees_between
 from intuitive_physics_perception.environment.standing import FramesFromOnePlace
 from intuitive_physics_perception.frame import Frame
-from intuitive_physics_perception.scene import ModelledScene, begun
+from intuitive_physics_perception.scene import ModelledScene, begun, modelled_elsewhere
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SAME_PLANE = 5.0
@@ -88,17 +84,11 @@ def _modelled(
 ) -> tuple[ModelledScene, str]:
     """Model what frames (height, width, 3) m show from a pose, and say where it contradicts what is
     known."""
-    doubt = ""
-    try:
-        model = model_environment(frames, settings, rng, seen.rotation[2]).in_frame_of(seen)
-        doubt = pose_doubt(model, seen, settings)
-    except NoEnvironmentError:
-        # Nothing that could be a support is in its view, but what is known is.
-        model = seen
-    scene = ModelledScene(
-        model, frames, settings, rng, pose=pose, measured=True, background=background
-    )
-    return scene, doubt
+    # Where nothing that could be a support is in its view, what is known is.
+    scene = modelled_elsewhere(
+        frames, seen, pose, settings, rng, background, follows_sensor=False
+    ) or ModelledScene(seen, frames, settings, rng, pose=pose, measured=True, background=background)
+    return scene, pose_doubt(scene.model, seen, settings)
 
 
 def pose_doubt(own: EnvironmentModel, seen: EnvironmentModel, settings: PerceptionSettings) -> str:

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from intuitive_physics_perception.detection.detections import DetectedSphere
+from intuitive_physics_perception.detection.fitted_sphere import EXPECTED_REACH
 from intuitive_physics_perception.detection.foreground import Clusters
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
-from intuitive_physics_perception.detection.spheres import PIXELS_REACH
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.frame import Frame
 from intuitive_physics_perception.stages import Stages
@@ -97,8 +97,7 @@ class Hindsight:
         return None
 
     def _search_next(self, track: Track, tracker: Tracker, stages: Stages) -> bool:
-        """Search the newest frame before those that were searched for a track; False where there
-        is none in which it can be expected."""
+        """Search the next older frame for a track; False where it can be expected in none."""
         recent = self.before(self._searched_until.get(track.number, np.inf), track.number)
         if recent is None or track.earlier is None:
             return False
@@ -143,5 +142,5 @@ def _delay_of(frame: Frame, sphere: DetectedSphere) -> float:
     if frame.offsets is None:
         return 0.0
     away = np.linalg.norm(frame.points - sphere.center.astype(np.float32), axis=2)
-    readings = np.flatnonzero(away < PIXELS_REACH * sphere.radius)
+    readings = np.flatnonzero(away < EXPECTED_REACH * sphere.radius)
     return frame.delay_of(readings) if readings.size else frame.delay_towards(sphere.center)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from time import perf_counter
@@ -24,7 +24,7 @@ from intuitive_physics_perception.environment.environment_model import (
     model_environment,
 )
 from intuitive_physics_perception.environment.gravity import degrees_between
-from intuitive_physics_perception.environment.standing import FramesFromOnePlace, time_until_moved
+from intuitive_physics_perception.environment.standing import FramesFromOnePlace
 from intuitive_physics_perception.frame import Frame
 from intuitive_physics_perception.frame_result import (
     FrameDiagnostics,
@@ -36,7 +36,7 @@ from intuitive_physics_perception.further_camera import FurtherCamera
 from intuitive_physics_perception.hindsight import RecentFrame
 from intuitive_physics_perception.input.frame_order import Timeline
 from intuitive_physics_perception.input.reading_times import reading_span
-from intuitive_physics_perception.scene import ModelledScene, begun
+from intuitive_physics_perception.scene import ModelledScene, begun, modelled_elsewhere
 from intuitive_physics_perception.sensor_motion.sensor_motion import SensorMotion
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import (
@@ -242,11 +242,10 @@ class PerceptionPipeline:
         return self._with_new_model(result, frame.pose)
 
     def _lost(self, motion: SensorMotion, time: float) -> FrameResult:
-        """Return the result of a frame of a sensor that has moved and is not found any more; model
-        the environment again where that lasts."""
+        """The result where a moved sensor is not found; where that lasts all is modelled again."""
         lasting = motion.lost_for(time)
         reason = f"for {lasting:.1f} s it is not known how the sensor has moved: {motion.doubt}"
-        if lasting < time_until_moved(is_covered=motion.is_covered):
+        if not motion.is_lost(time):
             return self._unused(time, reason)
         reason += "; the environment is modelled again"
         return self._model_again(time, reason, self._forget_environment())
@@ -268,8 +267,7 @@ class PerceptionPipeline:
         return self._perceive(self._scene, eye, frame)
 
     def _model_where_it_stands(self, scene: ModelledScene, frame: Frame) -> None:
-        """Begin to model the environment again where a sensor that has moved stands, if nothing
-        moves."""
+        """Begin to model anew where a sensor that has moved stands, if nothing moves."""
         if scene.is_at_home:
             self._newest.forget()
             return
@@ -283,8 +281,8 @@ class PerceptionPipeline:
                 self._followed.removed_from(points, scene.model) for points in self._newest.frames
             ]
             follows = scene.motion is not None
-            job = frames, self.settings, rng, scene.model, frame.pose, self._background, follows
-            self._modelling = begun(self._background, _modelled_elsewhere, *job)
+            job = frames, scene.model, frame.pose, self.settings, rng, self._background, follows
+            self._modelling = begun(self._background, modelled_elsewhere, *job)
             self._newest.forget()
 
     def _with_new_model(self, result: FrameResult, pose: RigidTransform) -> FrameResult:
@@ -431,32 +429,3 @@ class PerceptionPipeline:
 
     def _unused(self, time: float, problem: str) -> FrameResult:
         return FrameResult(time, self.model, diagnostics=FrameDiagnostics(problem=problem))
-
-
-def _modelled_elsewhere(
-    frames: Sequence[NDArray[np.float32]],
-    settings: PerceptionSettings,
-    rng: np.random.Generator,
-    known: EnvironmentModel,
-    pose: RigidTransform,
-    background: Executor | None,
-    follows_sensor: bool,
-) -> ModelledScene | None:
-    """Model a known environment from elsewhere, with the same up; None where nothing shows it.
-
-    `frames` (height, width, 3) m; `known`: as seen from there.
-    """
-    try:
-        model = model_environment(frames, settings, rng, known.rotation[2]).in_frame_of(known)
-    except NoEnvironmentError:
-        return None
-    return ModelledScene(
-        model,
-        frames,
-        settings,
-        rng,
-        pose=pose,
-        measured=True,
-        background=background,
-        follows_sensor=follows_sensor,
-    )

@@ -18,6 +18,7 @@ from intuitive_physics_perception.detection.foreground import Clusters, Foregrou
 from intuitive_physics_perception.detection.spheres import SphereFinder
 from intuitive_physics_perception.environment.environment_model import (
     EnvironmentModel,
+    NoEnvironmentError,
     is_organised,
     model_environment,
     revised_environment,
@@ -237,6 +238,35 @@ class ModelledScene:
         changes = [("come", new_ids - old_ids), ("gone", old_ids - new_ids)]
         text = "; ".join(f"{change}: {', '.join(sorted(ids))}" for change, ids in changes if ids)
         return f"the environment has changed; {text or 'parts of it end elsewhere'}"
+
+
+def modelled_elsewhere(
+    frames: Sequence[NDArray[np.float32]],
+    known: EnvironmentModel,
+    pose: RigidTransform | None,
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
+    background: Executor | None,
+    follows_sensor: bool,
+) -> ModelledScene | None:
+    """Model a known environment from elsewhere, with the same up; None where nothing shows it.
+
+    `frames` (height, width, 3) m each; `known`: as seen from there; others as of `ModelledScene`.
+    """
+    try:
+        model = model_environment(frames, settings, rng, known.rotation[2]).in_frame_of(known)
+    except NoEnvironmentError:
+        return None
+    return ModelledScene(
+        model,
+        frames,
+        settings,
+        rng,
+        pose=pose,
+        measured=True,
+        background=background,
+        follows_sensor=follows_sensor,
+    )
 
 
 def begun(

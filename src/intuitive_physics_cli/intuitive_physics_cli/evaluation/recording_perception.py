@@ -17,6 +17,7 @@ from intuitive_physics_perception.environment.environment_model import Environme
 from intuitive_physics_perception.frame_result import FrameResult
 from intuitive_physics_perception.input.depth import IMAGE_TYPES
 from intuitive_physics_perception.input.frame_decoder import FrameDecoder
+from intuitive_physics_perception.input.point_cloud import points_of_cloud
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_recordings.bag_reader import BagReader
@@ -89,7 +90,7 @@ def read_frames(
     points_of = {
         IMAGE: decoder.image_points,
         COMPRESSED_IMAGE: decoder.compressed_image_points,
-        CLOUD: decoder.cloud_points,
+        CLOUD: points_of_cloud,
     }[source.type]
     if source.camera_info_topic:
         first = next(bag.messages([source.camera_info_topic]), None)

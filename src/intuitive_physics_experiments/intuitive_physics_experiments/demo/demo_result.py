@@ -25,7 +25,7 @@ from intuitive_physics_experiments.rendering.throws import Throw
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_perception.environment.environment_model import model_environment
 from intuitive_physics_perception.input.camera import Intrinsics
-from intuitive_physics_perception.input.depth import depth_from_image_data, points_from_depth
+from intuitive_physics_perception.input.depth import depth_of_image, points_from_depth
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_recordings.bag_reader import BagReader
 from intuitive_physics_recordings.depth_bag_writer import DEPTH_TOPIC
@@ -253,14 +253,4 @@ def depth_images(bag: Path) -> Iterator[tuple[float, NDArray[Any]]]:
     with BagReader(bag) as reader:
         for message in reader.messages([DEPTH_TOPIC]):
             image = reader.decode(message)
-            yield (
-                seconds_from_stamp(image.header.stamp),
-                depth_from_image_data(
-                    image.data,
-                    width=image.width,
-                    height=image.height,
-                    encoding=image.encoding,
-                    step=image.step,
-                    is_bigendian=bool(image.is_bigendian),
-                ),
-            )
+            yield seconds_from_stamp(image.header.stamp), depth_of_image(image)

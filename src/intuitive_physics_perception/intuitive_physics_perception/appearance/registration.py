@@ -301,10 +301,7 @@ def _harmonics(x: float, y: float, z: float, weight: float, out: Any) -> None:
 
 @kernel
 def _take_out_smooth(columns: Any, basis: Any, count: int, normal: Any, cross: Any) -> None:
-    """Leave of the first cells of each column what is no combination of the smooth functions.
-
-    `normal` and `cross` are working memory.
-    """
+    """Leave of the cells of each column what is no combination of the smooth functions."""
     for m in range(basis.shape[0]):
         for n in range(m + 1):
             normal[m, n] = _dot(basis[m], basis[n], count)
@@ -357,8 +354,7 @@ def _solve(normal: Any, cross: Any) -> None:
 
 @kernel
 def _add_pair(columns: Any, blocks: Any, count: int, gradients: Any, sums: Any) -> float:
-    """Add the sums of a pair of images, return its power; `gradients` (blocks, 3) is working
-    memory."""
+    """Add the sums of a pair of images, return its power; `gradients` is working memory."""
     here, there = columns[3], columns[4]
     power = _dot(here, here, count) + _dot(there, there, count)
     sums[PRODUCT] += 2.0 * _dot(here, there, count)

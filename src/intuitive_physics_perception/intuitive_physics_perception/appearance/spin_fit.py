@@ -136,8 +136,7 @@ class ImageSeries:
     def _covariance(
         self, mean: NDArray[np.float64], sums: NDArray[np.float64], shared: float
     ) -> NDArray[np.float64]:
-        """Covariance of a spin from the sums over all pairs of images; of one that explains little
-        only what the cells' own errors make."""
+        """Covariance of a spin; of one that explains little only what the cells' errors make."""
         normal = sums[:GRADIENT].reshape(3, 3)
         inverse = np.linalg.inv(normal + (1e-6 * np.trace(normal) + 1e-12) * np.eye(3))
         covariance = shared * inverse @ sums[MEAT:CELLS].reshape(3, 3) @ inverse
@@ -157,8 +156,7 @@ class ImageSeries:
         return np.asarray(covariance + _bend(mean, covariance))
 
     def _pull_of_light(self, spin: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Mean over all pairs of images of time between them times turn (3,), s rad: of turns that
-        are so small, or so near a whole one, that light still lies on itself."""
+        """Mean over all pairs of time times turn (3,), s rad, where light still lies on itself."""
         apart = np.abs(self.times[:, None] - self.times)
         rate = max(float(np.linalg.norm(spin)), 1e-9)
         turn = (rate * apart + np.pi) % (2.0 * np.pi) - np.pi
@@ -166,8 +164,7 @@ class ImageSeries:
         return np.asarray(pull * spin / rate)
 
     def _geometry_covariance(self, spin: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Covariance of a spin (3,) rad/s by errors of the grid, of the centres and of the
-        radius."""
+        """Covariance of a spin by errors of the grid, of the centres and of the radius."""
         slopes = _slopes(spin, self.times - self.times.mean())
         toward = self._axes[:, 2]
         across = np.eye(3) - toward[:, :, None] * toward[:, None, :]
@@ -186,8 +183,7 @@ class ImageSeries:
 
 
 def _bend(spin: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Covariance of the size of a spin (3,) rad/s by errors of its axis: axes that are equally good
-    lie on a sphere rather than in the plane that touches it."""
+    """Covariance of the size of a spin by errors of its axis: equally good axes lie on a sphere."""
     size = max(float(np.linalg.norm(spin)), 1e-9)
     axis = spin / size
     away = (np.trace(covariance) - axis @ covariance @ axis) / (2.0 * size)
@@ -195,8 +191,7 @@ def _bend(spin: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray
 
 
 def _slopes(spin: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Turns (k, 3, 6) of a ball at some times (k,) s for small changes of its spin (3,) rad/s and
-    of where it was at time zero."""
+    """Turns (k, 3, 6) of a ball for small changes of its spin and of where it was at time zero."""
     vectors = times[:, None] * spin
     rotations = Rotation.from_rotvec(vectors).as_matrix()
     angle = np.maximum(np.linalg.norm(vectors, axis=1), 1e-6)[:, None, None]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from intuitive_physics.kernels import allocating_entry, allocating_kernel
 from intuitive_physics.shapes import Capsule
 from intuitive_physics_perception.detection.detections import DetectedSolid
+from intuitive_physics_perception.detection.sphere_fit import SURFACE_VARIANCE
 from intuitive_physics_perception.environment.planes import plane_axes
 
 CAPSULE_SIGMAS = 3.0
@@ -37,9 +38,6 @@ MAX_STEPS = 40
 
 STILL = 1e-7
 """Change of a parameter in m below which the fit has converged: numerical."""
-
-SURFACE_VARIANCE = 1e-8
-"""Variance of the surface in m²: keeps residuals finite where the noise vanishes, numerical."""
 
 OUTLIER = 2.0
 """Residual in standard deviations above which Charbonnier's loss grows linearly. Set by hand."""
@@ -103,18 +101,6 @@ def _ends_are_known(parameters: NDArray[np.float64], covariance: NDArray[np.floa
     return True
 
 
-def _on_axis(
-    points: NDArray[np.float64], parameters: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Nearest places (n, 3) on a capsule's axis, and where they are on it: -1 to 1 end to end.
-
-    `parameters` (7,) centre, half of the axis as a vector, radius.
-    """
-    center, half = parameters[:3], parameters[3:6]
-    along = (points - center) @ half / max(float(half @ half), 1e-12)
-    return center + np.clip(along, -1.0, 1.0)[:, None] * half, along
-
-
 def _first_guess(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """First parameters, from the extents along the cluster's long axis and across it in view."""
     middle = points.mean(axis=0)
@@ -142,7 +128,8 @@ def _is_capsule(
     on = np.mean(np.abs(errors) < CAPSULE_SIGMAS)
     if on < CAPSULE_INLIERS or center @ center < radius**2:
         return False
-    _, along = _on_axis(points, parameters)
+    # Along the axis, -1 to 1 from end to end.
+    along = (points - center) @ half / max(float(half @ half), 1e-12)
     if min((along > 1.0).sum(), (along < -1.0).sum()) < CAP_READINGS:
         return False
     body = points[np.abs(along) <= 1.0] - center

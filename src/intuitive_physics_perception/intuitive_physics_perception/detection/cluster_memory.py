@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.kernels import allocating_entry
+from intuitive_physics_perception.detection.detections import DetectedSolid
 from intuitive_physics_perception.environment.noise import RangeNoise
 
 COUNT_TOLERANCE = 0.2
@@ -30,11 +31,9 @@ SEARCH_PERIOD = 30
 FRAMES_REMEMBERED = 15
 """Frames for which a cluster that is not there is remembered: noise takes some in and out."""
 
-Result = TypeVar("Result")
-
 
 @dataclass(eq=False)
-class RememberedCluster(Generic[Result]):
+class RememberedCluster:
     """A cluster, in how many frames it has stayed as it is, and the result of its search.
 
     Parameters
@@ -43,7 +42,7 @@ class RememberedCluster(Generic[Result]):
     count : of its points
     frames : in which it was there as it is now, less those in which its search had to wait
     phase : in which frame of a period it is searched, so that not all are in the same one
-    result : what the last search found
+    result : the box or capsule that the last search found
     waited : frames in which its search had to wait, since the last one
     looks : how often its outline was looked at in vain meanwhile
     searches, successes : how often it was searched, and how often something was found
@@ -53,7 +52,7 @@ class RememberedCluster(Generic[Result]):
     count: int
     frames: int
     phase: int
-    result: Result | None
+    result: DetectedSolid | None
     waited: int = 0
     looks: int = 0
     searches: int = 0
@@ -62,8 +61,8 @@ class RememberedCluster(Generic[Result]):
     @property
     def deserves_a_search(self) -> bool:
         """Whether to search it: what stays the same only rarely, as that costs most of the time."""
-        period = SEARCH_PERIOD
-        return self.frames < FIRST_SEARCHES or (self.frames + self.phase) % period == 0
+        turn = (self.frames + self.phase) % SEARCH_PERIOD == 0
+        return self.frames < FIRST_SEARCHES or turn
 
     @property
     def deserves_a_look(self) -> bool:
@@ -75,7 +74,7 @@ class RememberedCluster(Generic[Result]):
         """Whether it was not there before, or elsewhere."""
         return self.frames == 0 and self.waited == 0
 
-    def after_search(self, *, success: bool) -> RememberedCluster[Result]:
+    def after_search(self, *, success: bool) -> RememberedCluster:
         """Return it after a search; after a success it is searched in the next frame, too."""
         return replace(
             self,
@@ -85,20 +84,19 @@ class RememberedCluster(Generic[Result]):
         )
 
 
-class ClusterMemory(Generic[Result]):
+class ClusterMemory:
     """Recognises the clusters of the last frames.
 
-    `stillness` is the largest movement in m of the centre of a cluster that stays as it is, without
-    that by the noise of its readings.
+    `min_radius` in m, of a sphere; `noise`: of the readings.
     """
 
-    def __init__(self, stillness: float, noise: RangeNoise) -> None:
-        self._stillness = stillness
+    def __init__(self, min_radius: float, noise: RangeNoise) -> None:
+        self._stillness = MOVEMENT * min_radius
         self._noise = noise
         self._pose = RigidTransform()
         self._turn = 0
-        self._last: list[RememberedCluster[Result]] = []
-        self._next: list[RememberedCluster[Result]] = []
+        self._last: list[RememberedCluster] = []
+        self._next: list[RememberedCluster] = []
         self._centres = np.zeros((0, 3))
         self._counts = np.zeros(0, dtype=np.int64)
         # Frames since each was there.
@@ -110,7 +108,7 @@ class ClusterMemory(Generic[Result]):
 
     def recall(
         self, middles: NDArray[np.float64], counts: NDArray[np.int64]
-    ) -> list[RememberedCluster[Result]]:
+    ) -> list[RememberedCluster]:
         """Return what is known of the clusters of a frame, or of some of them.
 
         `middles` (n, 3) m, means of their points in the sensor's frame; `counts` (n,) of points.
@@ -127,9 +125,7 @@ class ClusterMemory(Generic[Result]):
             for centre, count, k in zip(centres, counts.tolist(), places.tolist(), strict=True)
         ]
 
-    def _recalled(
-        self, centre: NDArray[np.float64], count: int, k: int
-    ) -> RememberedCluster[Result]:
+    def _recalled(self, centre: NDArray[np.float64], count: int, k: int) -> RememberedCluster:
         """What is known of one cluster, the `k`-th of the last frames; -1: nothing is."""
         if k < 0:
             self._turn += 1
@@ -140,12 +136,12 @@ class ClusterMemory(Generic[Result]):
         old.centre, old.count, old.frames = centre, count, old.frames + 1
         return old
 
-    def keep(self, cluster: RememberedCluster[Result], result: Result | None) -> None:
-        """Remember a cluster for the next frame with the result of its search."""
+    def keep(self, cluster: RememberedCluster, result: DetectedSolid | None = None) -> None:
+        """Remember a cluster for the next frame with what its search has found."""
         cluster.result, cluster.waited, cluster.looks = result, 0, 0
         self._next.append(cluster)
 
-    def postpone(self, cluster: RememberedCluster[Result], *, looked: bool = False) -> None:
+    def postpone(self, cluster: RememberedCluster, *, looked: bool = False) -> None:
         """Remember a cluster of which the search has to wait for the next frame.
 
         `looked`: whether its outline was looked at.

@@ -69,7 +69,7 @@ class ClusterView:
         sphere's outline of an organised one.
         """
         near, each = self._near(sphere)
-        return np.ascontiguousarray(self.points[near]).reshape(-1, 3), each
+        return self._read(near), each
 
     def surroundings(
         self, sphere: NDArray[np.float64]
@@ -81,15 +81,18 @@ class ClusterView:
         in_cluster.ravel()[self.cluster] = True
         own = in_cluster[near].ravel()
         marks = np.zeros(own.size, np.uint8) if self.marks is None else self.marks[near].ravel()
-        return np.ascontiguousarray(self.points[near]).reshape(-1, 3), own, marks, each
+        return self._read(near), own, marks, each
 
     def _near(self, sphere: NDArray[np.float64]) -> tuple[tuple[Any, Any], int]:
         """Rows and columns of what is about a sphere, and how many readings each stands for."""
         return self._window(sphere) if self.is_organised else ((0, self._cone(sphere)), 1)
 
+    def _read(self, near: tuple[Any, Any]) -> NDArray[np.float32]:
+        """Readings (n, 3) m at some rows and columns."""
+        return np.ascontiguousarray(self.points[near]).reshape(-1, 3)
+
     def _window(self, sphere: NDArray[np.float64]) -> tuple[tuple[slice, slice], int]:
-        """Rows and columns of an organised cloud that hold a sphere's outline and what is round
-        it, and how many readings each that they take stands for."""
+        """Rows and columns that hold what is about a sphere, and what each reading stands for."""
         height, width = self.points.shape[:2]
         distance = float(np.linalg.norm(sphere[:3]))
         axis = sphere[:3] / distance

@@ -286,8 +286,7 @@ class SphereFitter:
     def _judged(
         self, begun: BegunFit, start: Start, most_goes_on: float, touched: NDArray[np.bool_]
     ) -> DetectedSphere | None:
-        """The sphere that fits the readings, but for those outside it in sectors in which something
-        touches it; None where it is no object."""
+        """The sphere by all readings but those beyond it in touched sectors; None if no object."""
         fit = self._refined(begun, touched)
         if fit is None:
             return None
@@ -329,8 +328,7 @@ class SphereFitter:
     def _swept(
         self, view: ClusterView, part: Part, start: Start
     ) -> tuple[ClusterView, Part, Sweep] | None:
-        """Readings as of a ball that rests in the middle of the exposure, and its sweep; None where
-        none fits that an object may have."""
+        """Readings as of a ball that rests in mid-exposure, and its sweep; None where none fits."""
         at_rest = Sweep(start.sphere, np.zeros(3), np.zeros((4, 4)))
         if start.sweep_deviation == 0.0:
             return view, part, at_rest
@@ -345,8 +343,7 @@ class SphereFitter:
         return SweptView(view, sweep.sphere, sweep.sweep), moved, sweep
 
     def _begun(self, view: ClusterView, part: Part, sweep: Sweep) -> BegunFit | None:
-        """Fit a first time: the outline and the noise of the surface are known well only then;
-        None where nothing fits."""
+        """Fit a first time: outline and noise of the surface are known well only then."""
         step = self._step(view, part, part.points, sweep.sphere, 1.0)
         return None if step is None else BegunFit(view, part, sweep, step[0].sphere, step[1])
 
@@ -380,8 +377,7 @@ class SphereFitter:
         sphere: NDArray[np.float64],
         scale: float,
     ) -> tuple[SphereSolution, float] | None:
-        """What `refine_sphere` makes of a sphere on points of a part, and the variance of their
-        noise in that assumed, as `scale` was before; None where it does not fit."""
+        """What `refine_sphere` makes of a sphere, and the variance of the noise in that assumed."""
         limits = self._settings.min_radius, self._settings.max_radius
         # Readings that are no image share nothing with neighbours as a rule.
         sharing, growth = 0.0, 0.0
@@ -489,8 +485,7 @@ class SphereFitter:
     def _spread_of(
         self, patches: NDArray[np.float64], each: int, fit: SphereFit
     ) -> NDArray[np.float64]:
-        """Variances (m,) m² of the errors of those of a surface's patches (n, 3) of `OutlineView`
-        that have readings, each of which stands for some."""
+        """Variances (m,) m² of the errors of the patches that have readings."""
         readings, _, variances = patches[patches[:, 0] > 0.0].T
         # Readings that are some pixels apart have less of their noise in common.
         shared = np.minimum(1.0 + self._sharing / each, readings)

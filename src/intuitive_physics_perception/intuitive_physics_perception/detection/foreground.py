@@ -157,10 +157,7 @@ class ForegroundFinder:
         return marks.reshape(points.shape[:2]), readings, is_known
 
     def _free_of(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Squared range at which each ray comes to a plane, (height, width) m².
-
-        A pixel of an organised cloud always has the same ray, so it is computed only once.
-        """
+        """Squared range (height, width) m² at which each ray, always the same, meets a plane."""
         if self._free.shape != points.shape[:2]:
             self._free = np.zeros(points.shape[:2], dtype=np.float32)
             self._known = np.zeros(points.shape[:2], dtype=bool)

@@ -12,7 +12,7 @@ from intuitive_physics.geometry.rotations import rotation_matrix
 from intuitive_physics.scene import StaticBox
 from intuitive_physics_perception.detection.box_fit import SURFACE_DEVIATION, cloud_of_box, fit_box
 from intuitive_physics_perception.detection.capsule_fit import fit_capsule
-from intuitive_physics_perception.detection.cluster_memory import MOVEMENT, ClusterMemory
+from intuitive_physics_perception.detection.cluster_memory import ClusterMemory
 from intuitive_physics_perception.detection.cluster_view import extent_of, outline_of
 from intuitive_physics_perception.detection.detections import (
     DetectedSolid,
@@ -20,9 +20,9 @@ from intuitive_physics_perception.detection.detections import (
     Detection,
     without_doubles,
 )
-from intuitive_physics_perception.detection.fitted_sphere import MAX_MISFIT
+from intuitive_physics_perception.detection.fitted_sphere import EXPECTED_REACH, MAX_MISFIT
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
-from intuitive_physics_perception.detection.spheres import PIXELS_REACH, ClusterSpheres
+from intuitive_physics_perception.detection.spheres import ClusterSpheres
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -52,9 +52,7 @@ class SolidFinder:
         self._model = model
         self._settings = settings
         self._rng = rng
-        self._memory: ClusterMemory[DetectedSolid] = ClusterMemory(
-            MOVEMENT * settings.min_radius, model.noise
-        )
+        self._memory = ClusterMemory(settings.min_radius, model.noise)
         self.look_from(model)
 
     def look_from(self, model: EnvironmentModel) -> None:
@@ -165,7 +163,7 @@ class ObjectInFrame:
         if isinstance(self.detection, DetectedSolid):
             return self.cluster
         away = self.detection.distances(points.reshape(-1, 3)[self.cluster])
-        return self.cluster[away < PIXELS_REACH * self.detection.radius]
+        return self.cluster[away < EXPECTED_REACH * self.detection.radius]
 
 
 def all_objects(

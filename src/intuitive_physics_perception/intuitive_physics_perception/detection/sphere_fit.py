@@ -221,8 +221,7 @@ def _add_outline(
     gate: float,
     noise: Any,
 ) -> None:
-    """Add the equations of rays on the wrong side of the grown outline: those of points near it
-    that pass outside, and those beyond that pass inside."""
+    """Add the equations of rays on the wrong side of the grown outline."""
     r = fitted[3]
     away2 = fitted[0] ** 2 + fitted[1] ** 2 + fitted[2] ** 2
     grown = r + fitted[4] * sqrt(away2)

@@ -178,8 +178,7 @@ class SphereHypotheses:
                 yield Hypothesis(whole, Start(sphere))
 
     def _swept(self, readings: NDArray[np.float64]) -> Iterator[Hypothesis]:
-        """The ball that an outline suggests that is longer than wide; nothing is known of the
-        sweep along the line of sight."""
+        """The ball that a long outline suggests, whose sweep along the line of sight is unknown."""
         settings = self._settings
         suggested = swept_outline(readings) if settings.exposure > 0.0 else None
         if suggested is not None:
@@ -262,8 +261,7 @@ def _quantile(values: NDArray[np.float64], part: float) -> float:
 
 
 def _sphere(axis: NDArray[np.float64], sine: float, nearest: float) -> NDArray[np.float64]:
-    """Sphere (4,) with its centre along a unit vector, from the sine of the half angle under which
-    it is seen and its nearest range."""
+    """Sphere (4,) along a unit vector, by the sine of its half angle and its nearest range."""
     sine = min(sine, LARGEST_SINE)
     radius = nearest * sine / (1.0 - sine)
     return np.append(axis * (nearest + radius), radius)

@@ -11,11 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.kernels import allocating_entry
-from intuitive_physics_perception.detection.cluster_memory import (
-    MOVEMENT,
-    ClusterMemory,
-    RememberedCluster,
-)
+from intuitive_physics_perception.detection.cluster_memory import ClusterMemory, RememberedCluster
 from intuitive_physics_perception.detection.cluster_view import ClusterView
 from intuitive_physics_perception.detection.detections import NEW_GOES_ON, DetectedSphere
 from intuitive_physics_perception.detection.fitted_sphere import (
@@ -48,9 +44,6 @@ may be the tip of 4 or 5."""
 ROUND_OUTLINE = 0.7
 """Part that a cluster is of the disc as wide as it is from which on it may be a ball by its
 outline: half of a disc is one half."""
-
-PIXELS_REACH = 1.2
-"""Radii from a sphere's centre within which readings may be of it. Set by hand."""
 
 APART_ROUNDS = 2
 """Rounds in which the spheres of a cluster are fitted again: in the first one, the others were
@@ -95,7 +88,7 @@ class SphereFinder:
     ) -> None:
         noise = model.noise
         self._settings = settings
-        self._memory: ClusterMemory[None] = ClusterMemory(MOVEMENT * settings.min_radius, noise)
+        self._memory = ClusterMemory(settings.min_radius, noise)
         self._static = StaticSpheres()
         self._lateral = noise.lateral
         self._fitter = SphereFitter(noise, settings, rng)
@@ -166,11 +159,11 @@ class SphereFinder:
             if inside.spheres or effort is Effort.RANDOM:
                 memory = memory.after_search(success=bool(inside.spheres))
             if inside.spheres:
-                self._memory.keep(memory, None)
+                self._memory.keep(memory)
                 if not clusters.new[k] and not self._is_trusted(memory):
                     results[-1] = ClusterSpheres(cluster, [], 1.0)
             elif effort is Effort.RANDOM or not memory.deserves_a_search:
-                self._memory.keep(memory, None)
+                self._memory.keep(memory)
                 left -= effort is Effort.RANDOM
             else:
                 self._memory.postpone(memory, looked=is_search)
@@ -204,8 +197,7 @@ class SphereFinder:
         return None
 
     def _without_static(self, part: ClusterSpheres) -> ClusterSpheres:
-        """A cluster's spheres without those that were there from the start and are none in most
-        frames."""
+        """A cluster's spheres without those that were there from the start and are seldom one."""
         balls = [
             sphere
             for sphere in part.spheres
@@ -215,13 +207,13 @@ class SphereFinder:
         ]
         return replace(part, spheres=balls, rest=part.rest if balls else 1.0)
 
-    def _is_trusted(self, memory: RememberedCluster[None]) -> bool:
+    def _is_trusted(self, memory: RememberedCluster) -> bool:
         """Whether what was there when the environment was modelled has been a sphere in enough
         searches: a cluster that fits one only by its noise is none."""
         return memory.successes >= STATIC_SUCCESSES * memory.searches
 
     @staticmethod
-    def _effort(memory: RememberedCluster[None], may_search: bool) -> Effort:
+    def _effort(memory: RememberedCluster, may_search: bool) -> Effort:
         """Effort of a search: a cluster that has to wait for it is searched by its outline, as
         often as at first."""
         if memory.deserves_a_search and may_search:
@@ -285,8 +277,7 @@ class SphereFinder:
     def _off(
         self, points: NDArray[np.float64], spheres: Iterable[DetectedSphere]
     ) -> NDArray[np.bool_]:
-        """Mark the points (n,) whose rays pass all of some spheres far enough not to be of them:
-        noise must not make a second sphere of the readings that stray farthest."""
+        """Mark the points (n,) whose rays pass all of some spheres by more than noise may stray."""
         off = np.ones(len(points), dtype=bool)
         for sphere in spheres:
             stray = STRAY_SIGMAS * self._lateral * sphere.range
@@ -325,7 +316,7 @@ class SphereFinder:
 def _in_turn(
     followed: Sequence[Sequence[Start]],
     new: Sequence[bool],
-    remembered: Sequence[RememberedCluster[None]],
+    remembered: Sequence[RememberedCluster],
     is_round: Sequence[bool],
 ) -> list[int]:
     """Return the order in which clusters have their turn while there is time.
@@ -356,8 +347,7 @@ def _followed_in(
     starts: NDArray[np.int64],
     expected: Sequence[Start],
 ) -> list[list[Start]]:
-    """The spheres, of those expected, that come near a point of each cluster; points (n, 3) m and
-    clusters as in `reached_by`."""
+    """The expected spheres that come near a point of each cluster; arguments as of `reached_by`."""
     if not expected:
         return [[] for _ in starts[1:]]
     reach = np.array([start.sphere * [1.0, 1.0, 1.0, EXPECTED_REACH] for start in expected])

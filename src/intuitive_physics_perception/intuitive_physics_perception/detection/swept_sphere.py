@@ -84,25 +84,14 @@ class SweptView(ClusterView):
         super().__init__(view.points, view.cluster, view.marks)
         self._ball = sphere, sweep
 
-    def around(self, sphere: NDArray[np.float64]) -> tuple[NDArray[np.float32], int]:
-        """Return readings (n, 3) m about a sphere (4,), moved, and how many each stands for."""
-        points, each = super().around(self._with_way(sphere))
-        return self._moved(points), each
+    def _near(self, sphere: NDArray[np.float64]) -> tuple[tuple[Any, Any], int]:
+        """What is about a sphere so large that it covers what moves onto it."""
+        reach = sphere[3] + 0.5 * np.linalg.norm(self._ball[1])
+        return super()._near(np.append(sphere[:3], reach))
 
-    def surroundings(
-        self, sphere: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.uint8], int]:
-        """Return readings (n, 3) m about a sphere (4,), moved, which are the cluster's (n,), their
-        marks (n,), and how many each stands for."""
-        points, own, marks, each = super().surroundings(self._with_way(sphere))
-        return self._moved(points), own, marks, each
-
-    def _with_way(self, sphere: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The sphere (4,), so large that it covers what moves onto it."""
-        return np.append(sphere[:3], sphere[3] + 0.5 * np.linalg.norm(self._ball[1]))
-
-    def _moved(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        return np.asarray(unswept(points, *self._ball), dtype=np.float32)
+    def _read(self, near: tuple[Any, Any]) -> NDArray[np.float32]:
+        """Readings (n, 3) m, moved."""
+        return np.asarray(unswept(super()._read(near), *self._ball), dtype=np.float32)
 
 
 def swept_outline(

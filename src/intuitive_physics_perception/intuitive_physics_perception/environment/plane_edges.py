@@ -117,11 +117,7 @@ def _with_ends(
     angle: float,
     narrowest: float,
 ) -> DetectedPlane:
-    """Return a plane with the boundary and the openings that were seen.
-
-    `angle` in rad between neighbouring readings. Sides of the boundary that are no seen edges lie
-    `REACH` away.
-    """
+    """Return a plane with the boundary, `REACH` away where no edge was seen, and the openings."""
     if not (angle > 0.0 and plane.offset < 0.0):
         # Readings coincide, or the plane goes through the sensor: nothing shows where it ends.
         return plane

@@ -127,8 +127,7 @@ class DetectedPlane:
 
     @cached_property
     def _sides(self) -> NDArray[np.float64]:
-        """Half-spaces (n, 4) of the plane's points p in the hull, outward · p ≤ bound in m, with
-        unit vectors outward."""
+        """Half-spaces (n, 4), outward · p ≤ bound in m, of points p in the hull."""
         along = np.roll(self.hull, -1, axis=0) - self.hull
         outward = np.cross(along, self.normal)
         outward /= np.linalg.norm(outward, axis=1, keepdims=True)
@@ -235,10 +234,7 @@ def _best_plane(
 def _triples(
     points: NDArray[np.float64], count: int, rng: np.random.Generator, *, nearby: bool
 ) -> NDArray[np.float64]:
-    """Draw points (count, 3, 3): from all of them, or from a neighbourhood.
-
-    Three random points of a whole cloud seldom lie on the same small plane; neighbours often do.
-    """
+    """Draw points (count, 3, 3): from all, or from neighbours, which often share a small plane."""
     if nearby:
         centre = points[rng.integers(len(points))]
         distances = np.linalg.norm(points - centre, axis=1)
@@ -321,10 +317,7 @@ def _bulges(inliers: NDArray[np.float64], plane: NDArray[np.float64], max_radius
 def _merge(
     cloud: RangeCloud, planes: list[NDArray[np.float64]], fixed: int
 ) -> list[NDArray[np.float64]]:
-    """Join planes that are one: nearly parallel, and the points of one are near the other.
-
-    The first `fixed` of them stay as they are.
-    """
+    """Join planes that are nearly parallel and near; the first `fixed` stay as they are."""
     merged = planes[:fixed]
     smallest_cosine = float(np.cos(np.radians(MERGE_ANGLE)))
     for plane in planes[fixed:]:
@@ -390,10 +383,7 @@ def _with_relief(
     needed: int,
     fixed: Sequence[NDArray[np.float64]],
 ) -> list[DetectedPlane]:
-    """Planes with the relief of their surfaces, without those that only cut through one.
-
-    The `fixed` ones, (4,) each, stay where they are; others go through the middle of the surface.
-    """
+    """Planes with their relief, without those that only cut through one; `fixed` ones stay."""
     kept: list[DetectedPlane] = []
     for plane in sorted(planes, key=lambda plane: -plane.support):
         own = np.flatnonzero(cloud.near(plane.numbers))

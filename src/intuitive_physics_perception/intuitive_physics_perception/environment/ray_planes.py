@@ -215,8 +215,7 @@ def _enter_readings(
 
 @kernel
 def _turn_to_rays(rays: Any, n: int) -> None:
-    """Let n readings as `_enter_readings` has them be rays: the three parts of the direction and
-    the range take the place of the coordinates and the square of the range."""
+    """Let n readings be rays, with direction and range in place of coordinates and range²."""
     x, y, z, ranges, _, _ = rays
     for i in range(n):
         ranges[i] = np.sqrt(ranges[i])
@@ -246,8 +245,7 @@ def _mark_near(inside: Any, rays: Any, n: int, plane: Any, relief: Any) -> None:
 
 @kernel
 def _mark_reached(inside: Any, rays: Any, n: int, plane: Any) -> int:
-    """Mark those of n readings that lie on a plane or behind it, wherever it ends; return their
-    number."""
+    """Mark those of n readings that lie on a plane or behind it; return their number."""
     x, y, z, ranges, variances, rises = rays
     a, b, c, offset, sigmas2, tolerance2 = plane
     reached = 0
@@ -285,8 +283,7 @@ def _leave_openings(
 
 @kernel
 def _keep_outside(inside: Any, rays: Any, numbers: Any, n: int) -> int:
-    """Move those of n rays (6, size), with their numbers (size,), that are not inside to the front,
-    in their order; return how many they are."""
+    """Move those of n rays that are not inside to the front, in order; return their number."""
     left = 0
     for i in range(n):
         if not inside[i]:
@@ -299,8 +296,7 @@ def _keep_outside(inside: Any, rays: Any, numbers: Any, n: int) -> int:
 
 @kernel
 def _rise(rays: Any, n: int, relief: Any) -> None:
-    """Set the heights in m of a surface over its plane where n readings stand over it, as
-    `PlaneRelief.heights` has it."""
+    """Set the heights, as of `PlaneRelief`, of a surface where n readings stand over it."""
     x, y, z, ranges, _, rises = rays
     rises[:n] = 0.0
     if _is_flat(relief):
@@ -325,8 +321,7 @@ def _height(x: Any, y: Any, z: Any, relief: Any) -> Any:
 
 @kernel
 def _is_open(x: Any, y: Any, z: Any, plane: Any, cells: Any, grid: Any, shape: Any) -> Any:
-    """Whether a ray along (x, y, z) meets a plane in an open cell; its openings are as in
-    `_openings_of`."""
+    """Whether a ray along (x, y, z) meets a plane in an open cell, as of `_openings_of`."""
     first, rows, columns = shape
     if rows == 0:
         return False
@@ -340,8 +335,7 @@ def _is_open(x: Any, y: Any, z: Any, plane: Any, cells: Any, grid: Any, shape: A
 def _meets(
     x: Any, y: Any, z: Any, plane: Any, cones: Any, cells: Any, grid: Any, shape: Any
 ) -> Any:
-    """Whether a ray along (x, y, z), a unit vector, is in the hull of a plane, whose `cones` are
-    given, and meets it in no open cell."""
+    """Whether a ray along a unit vector is in the cones of a hull and meets no open cell."""
     for j in range(cones.shape[0]):
         if x * cones[j, 0] + y * cones[j, 1] + z * cones[j, 2] > cones[j, 3]:
             return False

@@ -134,8 +134,7 @@ class SettledView:
         self._next_look, self._changed_since = -np.inf, np.inf
 
     def _changed(self, time: float, stride: int) -> NDArray[np.bool_]:
-        """Mark, of every `stride`-th pixel in both directions, those that have settled
-        elsewhere."""
+        """Mark, of every `stride`-th pixel both ways, those that have settled elsewhere."""
         # Since when a pixel is settled that reads farther, and one that reads nearer.
         times = np.array([time - GONE_TIME, time - COME_TIME])
         changes = _changes(

@@ -33,12 +33,29 @@ CHECKED_POINTS = 1200
 """Points of each frame, evenly over it, that are compared with the planes: bounds the time."""
 
 
-def time_until_moved(*, is_covered: bool) -> float:
-    """Return for how long, s, a sensor must not be where it was until it counts as moved.
+class AwayClock:
+    """For how long frames have not shown a sensor where it was."""
 
-    `is_covered`: whether something hides nearly all.
-    """
-    return COVERED_TIME if is_covered else MOVED_TIME
+    def __init__(self) -> None:
+        self._since: float | None = None
+
+    def take(self, time: float, *, is_away: bool) -> None:
+        """Take the next frame's time, s, and whether it does not show the sensor there."""
+        if not is_away:
+            self._since = None
+        elif self._since is None or time < self._since:
+            self._since = time
+
+    def lasting(self, time: float) -> float:
+        """Return for how long, s, up to a `time` in s."""
+        return 0.0 if self._since is None else time - self._since
+
+    def has_moved(self, time: float, *, is_covered: bool) -> bool:
+        """Return whether that is so long that the sensor counts as moved.
+
+        `time` in s; `is_covered`: whether something hides nearly all.
+        """
+        return self.lasting(time) >= (COVERED_TIME if is_covered else MOVED_TIME)
 
 
 def is_same_view(way: RigidTransform, noise: RangeNoise) -> bool:
@@ -115,7 +132,7 @@ class EnvironmentCheck:
         self._settings = settings
         self._planes = RayPlanes(model.detected, model.noise, settings)
         self._revised = revised
-        self._since: float | None = None
+        self._away = AwayClock()
 
     def moved(self, points: NDArray[np.float32], time: float) -> str:
         """Say in a sentence that the sensor was moved; empty while it was not.
@@ -134,14 +151,11 @@ class EnvironmentCheck:
         stands = not covered and (
             fraction >= least or (self._revised and now.support >= least * was.support)
         )
-        if stands or least == 0.0:
-            self._since = None
+        is_away = not stands and least > 0.0
+        self._away.take(time, is_away=is_away)
+        if not is_away or not self._away.has_moved(time, is_covered=covered):
             return ""
-        if self._since is None or time < self._since:
-            self._since = time
-        lasting = time - self._since
-        if lasting < time_until_moved(is_covered=covered):
-            return ""
+        lasting = self._away.lasting(time)
         if covered:
             return (
                 f"for {lasting:.1f} s something before all planes has hidden them; the sensor was "

@@ -369,8 +369,7 @@ def _outside_boxes(
 def _is_inside(
     place: Any, center: Any, rotation: Any, halves: Any, margin: float, local: Any
 ) -> bool:
-    """Whether a place lies in a box, give or take a margin; writes where along its axes, the
-    columns of its rotation."""
+    """Whether a place lies in a box, within a margin; writes where along its axes."""
     dx, dy, dz = place[0] - center[0], place[1] - center[1], place[2] - center[2]
     for a in range(3):
         local[a] = dx * rotation[0, a] + dy * rotation[1, a] + dz * rotation[2, a]

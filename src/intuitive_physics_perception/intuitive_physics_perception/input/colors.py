@@ -37,17 +37,9 @@ def colors_of_image(image: Any) -> NDArray[np.uint8]:
             f"{', '.join(CHANNELS)}"
         )
     size, order = CHANNELS[image.encoding]
+    # Single bytes have no order.
+    view = checked_bytes(image, pixel_step=size, row_step=image.step, what="image")
     width, height = image.width, image.height
-    view = checked_bytes(
-        image.data,
-        width=width,
-        height=height,
-        pixel_step=size,
-        row_step=image.step,
-        # Single bytes have no order.
-        is_bigendian=False,
-        what="image",
-    )
     if not width or not height:
         return np.empty((height, width, 3), np.uint8)
     pixels = np.ndarray((height, width, size), np.uint8, view.data, strides=(image.step, size, 1))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.kernels import allocating_entry
-from intuitive_physics_perception.input.raw_data import RawData, checked_bytes
+from intuitive_physics_perception.input.raw_data import checked_bytes
 
 MILLIMETRES = 0.001
 """Metres in the unit of a uint16 depth image (REP 118)."""
@@ -68,9 +68,7 @@ def check_size(width: int, height: int, camera_width: int, camera_height: int) -
         )
 
 
-def depth_from_image_data(
-    data: RawData, *, width: int, height: int, encoding: str, step: int, is_bigendian: bool
-) -> NDArray[Any]:
+def depth_of_image(image: Any) -> NDArray[Any]:
     """Return a (height, width) view of the raw data of a depth Image message.
 
     Raises
@@ -78,23 +76,23 @@ def depth_from_image_data(
     InvalidInputError
         When the encoding is no depth, the data is big-endian, or its length does not fit.
     """
-    if encoding not in IMAGE_TYPES:
+    if image.encoding not in IMAGE_TYPES:
         raise InvalidInputError(
-            f"image encoding is {encoding!r:.60}; expected a depth image, {', '.join(IMAGE_TYPES)}"
+            f"image encoding is {image.encoding!r:.60}; expected a depth image, "
+            f"{', '.join(IMAGE_TYPES)}"
         )
-    dtype = IMAGE_TYPES[encoding]
+    dtype, step = IMAGE_TYPES[image.encoding], image.step
     view = checked_bytes(
-        data,
-        width=width,
-        height=height,
+        image,
         pixel_step=dtype.itemsize,
         row_step=step,
-        is_bigendian=is_bigendian,
         what="image",
+        is_bigendian=bool(image.is_bigendian),
     )
-    if not width or not height:
-        return np.empty((height, width), dtype)
-    return np.ndarray((height, width), dtype, view.data, strides=(step, dtype.itemsize))
+    shape = image.height, image.width
+    if not all(shape):
+        return np.empty(shape, dtype)
+    return np.ndarray(shape, dtype, view.data, strides=(step, dtype.itemsize))
 
 
 @allocating_entry

@@ -1,4 +1,4 @@
-"""From messages to frames of points, whoever read the messages: rclpy or a reader of bags.
+"""From images to frames of points, whoever read the messages: rclpy or a reader of bags.
 
 Nothing here imports ROS: a message is anything with the attributes of its type.
 """
@@ -14,12 +14,7 @@ from numpy.typing import NDArray
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.compressed import depth_from_compressed_data
-from intuitive_physics_perception.input.depth import (
-    check_size,
-    depth_from_image_data,
-    points_from_depth,
-)
-from intuitive_physics_perception.input.point_cloud import points_of_cloud
+from intuitive_physics_perception.input.depth import check_size, depth_of_image, points_from_depth
 
 
 class _Camera:
@@ -34,7 +29,7 @@ class _Camera:
 
 
 class FrameDecoder:
-    """Decodes sensor_msgs/PointCloud2, and Image or CompressedImage with the newest CameraInfo.
+    """Decodes sensor_msgs/Image and CompressedImage with the newest CameraInfo.
 
     Parameters
     ----------
@@ -81,15 +76,7 @@ class FrameDecoder:
             When it is no depth image, its data do not fit its header, or no fitting CameraInfo
             came before it.
         """
-        depth = depth_from_image_data(
-            image.data,
-            width=image.width,
-            height=image.height,
-            encoding=image.encoding,
-            step=image.step,
-            is_bigendian=bool(image.is_bigendian),
-        )
-        return self._points(depth)
+        return self._points(depth_of_image(image))
 
     def compressed_image_points(self, image: Any) -> NDArray[np.float32]:
         """Return the frame of points (height, width, 3) of a CompressedImage of the transport
@@ -113,17 +100,6 @@ class FrameDecoder:
         intrinsics = camera.intrinsics
         check_size(depth.shape[1], depth.shape[0], intrinsics.width, intrinsics.height)
         return points_from_depth(depth, camera.rays)
-
-    @staticmethod
-    def cloud_points(cloud: Any) -> NDArray[np.float32]:
-        """Return the frame of points (height, width, 3) of a PointCloud2.
-
-        Raises
-        ------
-        InvalidInputError
-            When it has no readable x, y, z or its data do not fit its header.
-        """
-        return points_of_cloud(cloud)
 
 
 def _windowed(

@@ -29,23 +29,16 @@ def points_of_cloud(cloud: Any) -> NDArray[np.float32]:
         When x, y or z is missing, of another type or outside the point, when the data is
         big-endian, or when its length does not fit width, height and steps.
     """
-    width, height, row_step, point_step = (
-        cloud.width,
-        cloud.height,
-        cloud.row_step,
-        cloud.point_step,
-    )
+    row_step, point_step = cloud.row_step, cloud.point_step
     coordinates = _coordinates(cloud.fields, point_step)
     view = checked_bytes(
-        cloud.data,
-        width=width,
-        height=height,
+        cloud,
         pixel_step=point_step,
         row_step=row_step,
-        is_bigendian=bool(cloud.is_bigendian),
         what="cloud",
+        is_bigendian=bool(cloud.is_bigendian),
     )
-    points = np.empty((height, width, 3), dtype=np.float32)
+    points = np.empty((cloud.height, cloud.width, 3), dtype=np.float32)
     if not points.size:
         return points
     offsets = np.array([field.offset for field in coordinates])
@@ -58,7 +51,7 @@ def points_of_cloud(cloud: Any) -> NDArray[np.float32]:
     with np.errstate(over="ignore", invalid="ignore"):
         for axis, field in enumerate(coordinates):
             points[:, :, axis] = np.ndarray(
-                (height, width),
+                points.shape[:2],
                 FIELD_TYPES[field.datatype],
                 view.data,
                 offset=field.offset,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,25 +17,18 @@ MAX_PIXELS = 16_000_000
 
 
 def checked_bytes(
-    data: RawData,
-    *,
-    width: int,
-    height: int,
-    pixel_step: int,
-    row_step: int,
-    is_bigendian: bool,
-    what: str,
+    message: Any, *, pixel_step: int, row_step: int, what: str, is_bigendian: bool = False
 ) -> NDArray[np.uint8]:
-    """Return data as read-only bytes (n,) after checking that they hold what the header says.
+    """Return a message's data as read-only bytes (n,) after checking that they hold its pixels.
 
-    `width` and `height` in pixels; `pixel_step` and `row_step` in bytes from one pixel, or row, to
-    the next.
+    `pixel_step` and `row_step` in bytes from one pixel, or row, to the next; `what` it is.
 
     Raises
     ------
     InvalidInputError
         When the data is big-endian, too large, or its length does not fit.
     """
+    width, height = message.width, message.height
     if width < 0 or height < 0 or width * height > MAX_PIXELS:
         raise InvalidInputError(
             f"{what} has {width} x {height} pixels; expected none below 0 and at most "
@@ -50,7 +43,7 @@ def checked_bytes(
             f"{what} has rows of {row_step} bytes; expected at least {width * pixel_step} "
             f"for {width} times {pixel_step} bytes"
         )
-    view = np.frombuffer(memoryview(data).cast("B"), dtype=np.uint8)
+    view = np.frombuffer(memoryview(message.data).cast("B"), dtype=np.uint8)
     if view.size < height * row_step:
         raise InvalidInputError(
             f"{what} has {view.size} bytes of data; expected {height * row_step} for {height} "

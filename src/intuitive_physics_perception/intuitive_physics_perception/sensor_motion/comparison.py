@@ -122,8 +122,7 @@ class Comparison:
         return float(gains.sum() - (0.0 if of_all else max(by_thing[1:].max(), 0.0)))
 
     def _costs(self) -> NDArray[np.float64]:
-        """Tukey's function of the residuals (n,), twice the negative logarithm of likelihood up to
-        a constant; NaN without a residual."""
+        """Tukey's function (n,) of the residuals, twice -log likelihood up to a constant."""
         scaled2 = np.square(self.residuals) / (self.variances * self.scale**2)
         left = np.maximum(1.0 - scaled2 / TUKEY**2, 0.0)
         return np.asarray(TUKEY**2 / 3.0 * (1.0 - left**3))

@@ -69,6 +69,9 @@ rounding, and as much of noise."""
 MOST_THINGS = 15
 """Things that may move by themselves and are kept apart; smaller ones count as one."""
 
+OF_EACH = ("places", "normals", "variances", "spreads", "things", "is_edge")
+"""Arrays of `Landmarks` with a row for each."""
+
 
 @dataclass(frozen=True, eq=False)
 class Landmarks:
@@ -107,15 +110,8 @@ class Landmarks:
 
     def chosen(self, which: NDArray[Any]) -> Landmarks:
         """Return some of them; `which` (m,) indices or (n,) marks."""
-        return Landmarks(
-            self.places[which],
-            self.normals[which],
-            self.variances[which],
-            self.spreads[which],
-            self.things[which],
-            self.is_edge[which],
-            self.lens,
-        )
+        chosen = {name: getattr(self, name)[which] for name in OF_EACH}
+        return Landmarks(**chosen, lens=self.lens)
 
 
 def landmarks_of(
@@ -132,15 +128,10 @@ def landmarks_of(
     things = _things(points, model, settings)
     patches = _patches(points, frames, model, settings, things, lens)
     edges = _edges(points, things, lens)
-    return Landmarks(
-        np.concatenate([patches.places, edges.places]),
-        np.concatenate([patches.normals, edges.normals]),
-        np.concatenate([patches.variances, edges.variances]),
-        np.concatenate([patches.spreads, edges.spreads]),
-        np.concatenate([patches.things, edges.things]),
-        np.concatenate([patches.is_edge, edges.is_edge]),
-        lens,
-    )
+    both = {
+        name: np.concatenate([getattr(patches, name), getattr(edges, name)]) for name in OF_EACH
+    }
+    return Landmarks(**both, lens=lens)
 
 
 def _things(
@@ -436,8 +427,7 @@ def _edge_landmarks(
 
 @entry
 def _mark_edges(ranges: Any, side: int, marks: Any) -> None:
-    """Mark the last reading of each surface along the lines of an image, towards a side, before
-    something farther."""
+    """Mark the last reading of each surface, towards a side, before something farther."""
     height, width = ranges.shape
     for v in range(height):
         for u in range(2, width - 2):

@@ -102,8 +102,7 @@ def _moved(way: RigidTransform, step: NDArray[np.float64]) -> RigidTransform:
 def _held(
     step: NDArray[np.float64], information: NDArray[np.float64], noise: RangeNoise
 ) -> NDArray[np.float64]:
-    """Step (6,) m without what the scene, with its information (6, 6) 1/m², does not
-    determine: nothing says that the sensor moves there."""
+    """Step (6,) m without what the information does not determine: nothing moves there."""
     loose = undetermined(information, noise)
     return step - loose.T @ (loose @ step)
 

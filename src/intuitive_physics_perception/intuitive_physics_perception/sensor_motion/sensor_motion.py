@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.environment.noise import RangeNoise
-from intuitive_physics_perception.environment.standing import is_same_view
+from intuitive_physics_perception.environment.standing import AwayClock, is_same_view
 from intuitive_physics_perception.sensor_motion.comparison import Comparison, compare
 from intuitive_physics_perception.sensor_motion.landmarks import Landmarks, landmarks_of
 from intuitive_physics_perception.sensor_motion.motion_fit import (
@@ -54,7 +54,6 @@ class SensorMotion:
     way : from the sensor's frame to that of the view, as it was last known; none where noise at 2 m
         hides it
     doubt : why it is not known in the newest frame, part of a sentence; empty where it is
-    is_covered : whether it is not known as something hides nearly all
     unseen : motions that this view does not show, in words; empty where it shows all
     """
 
@@ -75,8 +74,8 @@ class SensorMotion:
     def restart(self) -> None:
         """Begin again where the environment was modelled, as when time goes back."""
         self.way, self.doubt = RigidTransform(), ""
-        self._guess, self.is_covered = self.way, False
-        self._lost_since: float | None = None
+        self._guess, self._is_covered = self.way, False
+        self._lost = AwayClock()
 
     def follow(self, points: NDArray[np.float32], time: float) -> None:
         """Find where the sensor is.
@@ -84,10 +83,7 @@ class SensorMotion:
         `points` (height, width, 3) m of a frame, NaN where nothing was read; `time` in s.
         """
         self.doubt = self._follow(points)
-        if not self.doubt:
-            self._lost_since = None
-        elif self._lost_since is None or time < self._lost_since:
-            self._lost_since = time
+        self._lost.take(time, is_away=bool(self.doubt))
 
     @property
     def is_at_home(self) -> bool:
@@ -96,7 +92,11 @@ class SensorMotion:
 
     def lost_for(self, time: float) -> float:
         """Return since how long, s, it is not known where the sensor is, at a `time` in s."""
-        return 0.0 if self._lost_since is None else time - self._lost_since
+        return self._lost.lasting(time)
+
+    def is_lost(self, time: float) -> bool:
+        """Return whether that lasts so long that the environment has to be modelled again."""
+        return self._lost.has_moved(time, is_covered=self._is_covered)
 
     def fit(self, points: NDArray[np.float32]) -> MotionFit:
         """Return what a frame alone shows of where the sensor is, near where it was last.
@@ -109,15 +109,15 @@ class SensorMotion:
 
     def _follow(self, points: NDArray[np.float32]) -> str:
         """Find where the sensor is; return why that is not possible, empty where it is."""
-        self.is_covered = False
+        self._is_covered = False
         last, at_home = self.way, self.is_at_home
         still = compare(points, self._landmarks, last, self._noise, self._scale)
         # What moves by itself counts only while the sensor moves.
         if not self._has_moved(points, still, of_all=not at_home):
             self._guess = last
             return ""
-        self.is_covered = still.hidden > MOST_HIDDEN
-        if self.is_covered:
+        self._is_covered = still.hidden > MOST_HIDDEN
+        if self._is_covered:
             return "something hides nearly all that was modelled"
         fit = self.fit(points)
         if fit.doubt:

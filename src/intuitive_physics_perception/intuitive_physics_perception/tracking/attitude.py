@@ -3,11 +3,11 @@ angular velocity of a ball, known where it rolls."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from intuitive_physics.shapes import Box, Capsule
@@ -85,9 +85,7 @@ class Attitude:
         `solid`: in the environment's frame; `velocity_deviation`: standard deviation of an unknown
         angular velocity, rad/s.
         """
-        covariance = np.zeros((6, 6))
-        covariance[ROTATION_PART, ROTATION_PART] = solid.rotation_covariance
-        covariance[VELOCITY_PART, VELOCITY_PART] = velocity_deviation**2 * np.eye(3)
+        covariance = block_diag(solid.rotation_covariance, velocity_deviation**2 * np.eye(3))
         return Attitude(solid.rotation, np.zeros(3), covariance, solid.shape)
 
     def after(self, duration: float) -> Attitude:
@@ -104,9 +102,8 @@ class Attitude:
 
     def stopped(self, velocity_deviation: float) -> Attitude:
         """Return it at rest."""
-        covariance = np.zeros((6, 6))
-        covariance[ROTATION_PART, ROTATION_PART] = self.covariance[ROTATION_PART, ROTATION_PART]
-        covariance[VELOCITY_PART, VELOCITY_PART] = velocity_deviation**2 * np.eye(3)
+        rotation_covariance = self.covariance[ROTATION_PART, ROTATION_PART]
+        covariance = block_diag(rotation_covariance, velocity_deviation**2 * np.eye(3))
         return replace(self, angular_velocity=np.zeros(3), covariance=covariance)
 
     def corrected(self, solid: DetectedSolid, velocity_deviation: float) -> Attitude:
@@ -182,27 +179,17 @@ def object_state(
     and (3, 3), angular velocity of a ball with its covariance, or attitude of a box or capsule.
     """
     whole = np.zeros((ERROR_SIZE, ERROR_SIZE))
-    _fill(whole, ((POSITION, slice(0, 3)), (LINEAR_VELOCITY, slice(3, 6))), covariance)
+    places = np.r_[POSITION, LINEAR_VELOCITY]
+    whole[np.ix_(places, places)] = covariance
     orientation: ArrayLike = (0.0, 0.0, 0.0, 1.0)
     if isinstance(turning, Attitude):
-        parts = ((ROTATION, ROTATION_PART), (ANGULAR_VELOCITY, VELOCITY_PART))
-        _fill(whole, parts, turning.covariance)
+        places = np.r_[ROTATION, ANGULAR_VELOCITY]
+        whole[np.ix_(places, places)] = turning.covariance
         orientation = Rotation.from_matrix(turning.rotation).as_quat()
         angular_velocity = turning.angular_velocity
     else:
         angular_velocity, whole[ANGULAR_VELOCITY, ANGULAR_VELOCITY] = turning
     return ObjectState(motion[:3], orientation, motion[3:6], angular_velocity, whole)
-
-
-def _fill(
-    whole: NDArray[np.float64],
-    parts: Sequence[tuple[slice, slice]],
-    covariance: NDArray[np.float64],
-) -> None:
-    """Write blocks of a covariance (n, n) to their places in a whole one (12, 12)."""
-    for rows, part_rows in parts:
-        for columns, part_columns in parts:
-            whole[rows, columns] = covariance[part_rows, part_columns]
 
 
 def _lengths(shape: Box | Capsule) -> NDArray[np.float64]:

@@ -244,8 +244,7 @@ class FreeMotion:
         covariance: NDArray[np.float64],
         settings: PerceptionSettings,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Angular velocity of a ball that keeps its speed on a plane, where it rolls; else
-        unknown."""
+        """Angular velocity of a ball that rolls on a plane for a while; else unknown."""
         lasted = self._record.times[stretch.end - 1] - self._record.times[stretch.start]
         if stretch.plane is None or lasted < ROLLING_TIME:
             return unknown_angular_velocity(settings.angular_velocity_deviation)

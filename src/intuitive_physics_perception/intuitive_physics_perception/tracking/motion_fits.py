@@ -105,8 +105,8 @@ def spoilt_points(path: SeenPath) -> NDArray[np.bool_]:
 
 
 def _misfits(path: SeenPath) -> NDArray[np.float64]:
-    """Squared distances (n - 4,), in variances, of the third of each five points in a row from the
-    cubic through the others: of noise and of the acceleration that a hand gives."""
+    """Squared distances (n - 4,), in variances, of each third of five points from a cubic through
+    the others: of noise and a hand."""
     weights = difference_weights(path.times, 4)
     differences = path_differences(path.places, weights)
     if not len(weights):
@@ -184,8 +184,7 @@ def fitted_motion(
 def _fitted(
     basis: NDArray[np.float64], places: NDArray[np.float64], noise: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Factors (3 b,) of basis functions by least squares, their covariance, and χ² of what they
-    leave; arguments as of `_sums`."""
+    """Factors (3 b,) of basis functions by least squares, their covariance, and χ² of the rest."""
     information, right = _sums(basis, places, noise)
     covariance = np.linalg.inv(information[-1])
     mean = covariance @ right[-1]

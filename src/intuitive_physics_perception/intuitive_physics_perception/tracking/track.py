@@ -20,7 +20,6 @@ from intuitive_physics_perception.detection.detections import (
     DetectedSolid,
     Detection,
     frame_covariance,
-    kind_of,
 )
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
 from intuitive_physics_perception.tracking.attitude import (
@@ -100,7 +99,6 @@ class Track:
     Parameters
     ----------
     number : unique over a run
-    kind : of its shape
     time : s, of `mean` and `covariance`
     mean, covariance : (7,) and (7, 7), less what all frames share, of position, velocity and
         radius; of a box or capsule the radius stands for the height of its centre above its lowest
@@ -125,7 +123,6 @@ class Track:
     """
 
     number: int
-    kind: str
     time: float
     mean: NDArray[np.float64]
     covariance: NDArray[np.float64]
@@ -156,6 +153,11 @@ class Track:
         if color is None:
             return
         self.color = color if self.color is None else self.color + weight * (color - self.color)
+
+    @property
+    def kind(self) -> str:
+        """Of its shape."""
+        return "sphere" if self.attitude is None else self.attitude.shape.kind
 
     @property
     def seen_spin(self) -> SeenSpin | None:
@@ -293,7 +295,6 @@ class TrackFilter:
             attitude = Attitude.of(detection, self._settings.angular_velocity_deviation)
         return Track(
             number,
-            kind_of(detection),
             time,
             mean,
             covariance,
@@ -412,7 +413,7 @@ class TrackFilter:
         fresh = self.begin(track.number, track.time, detection)
         fresh.mean[VELOCITY] = track.mean[VELOCITY]
         fresh.covariance[VELOCITY, VELOCITY] = track.covariance[VELOCITY, VELOCITY]
-        track.kind, track.attitude, track.systematic = fresh.kind, fresh.attitude, fresh.systematic
+        track.attitude, track.systematic = fresh.attitude, fresh.systematic
         track.mean, track.covariance = fresh.mean, fresh.covariance
         # Nothing that is found out later says where it was as the other kind.
         track.prediction = Prediction(fresh.mean, fresh.covariance, np.zeros((SIZE, SIZE)))

@@ -467,8 +467,7 @@ class Tracker:
         return unseen > COAST_TIME
 
     def _was_no_ball(self, track: Track) -> bool:
-        """Whether it was the end of a capsule, whose side has been seen long enough to be sure:
-        then nothing is learned from it."""
+        """Whether it was the end of a capsule whose side is sure: nothing is learned from it."""
         return (
             track.kind == "sphere"
             and track.time - track.last_seen > lasting(CONFIRMING_HITS + 1)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from intuitive_physics_perception.detection.cluster_memory import (
     FIRST_SEARCHES,
     FRAMES_REMEMBERED,
+    MOVEMENT,
     SEARCH_PERIOD,
     ClusterMemory,
     RememberedCluster,
@@ -16,17 +17,17 @@ from intuitive_physics_perception.detection.cluster_memory import (
 from intuitive_physics_perception.environment.noise import RangeNoise
 
 NOISE = RangeNoise(0.0, 0.0, 0.0, 0.0)
-STILLNESS = 0.01
+RADIUS = 0.05
 CLUSTER = np.random.default_rng(0).normal(size=(200, 3))
 
 
-def recalled(memory: ClusterMemory[str], points: np.ndarray = CLUSTER) -> RememberedCluster[str]:
+def recalled(memory: ClusterMemory, points: np.ndarray = CLUSTER) -> RememberedCluster:
     """What is known of one cluster."""
     (cluster,) = memory.recall(points.mean(axis=0, keepdims=True), np.array([len(points)]))
     return cluster
 
 
-def searched_in(memory: ClusterMemory[str], frames: int) -> int:
+def searched_in(memory: ClusterMemory, frames: int) -> int:
     """In how many of some frames a cluster that is always there is searched."""
     count = 0
     for _ in range(frames):
@@ -39,13 +40,13 @@ def searched_in(memory: ClusterMemory[str], frames: int) -> int:
 
 @given(periods=st.integers(1, 5))
 def test_what_stays_is_searched_at_first_and_once_in_a_period(periods: int) -> None:
-    count = searched_in(ClusterMemory(STILLNESS, NOISE), periods * SEARCH_PERIOD)
+    count = searched_in(ClusterMemory(RADIUS, NOISE), periods * SEARCH_PERIOD)
     assert FIRST_SEARCHES <= count <= FIRST_SEARCHES + periods
 
 
 @given(gap=st.integers(0, 2 * FRAMES_REMEMBERED))
 def test_what_was_away_for_a_short_time_is_known_again(gap: int) -> None:
-    memory: ClusterMemory[str] = ClusterMemory(STILLNESS, NOISE)
+    memory = ClusterMemory(RADIUS, NOISE)
     searched_in(memory, FIRST_SEARCHES)
     for _ in range(gap):
         memory.end_frame()
@@ -56,7 +57,7 @@ def test_what_was_away_for_a_short_time_is_known_again(gap: int) -> None:
 
 @given(waits=st.integers(0, 40))
 def test_waiting_takes_no_search_away(waits: int) -> None:
-    memory: ClusterMemory[str] = ClusterMemory(STILLNESS, NOISE)
+    memory = ClusterMemory(RADIUS, NOISE)
     for _ in range(waits):
         cluster = recalled(memory)
         assert cluster.deserves_a_search
@@ -66,8 +67,8 @@ def test_waiting_takes_no_search_away(waits: int) -> None:
 
 
 def test_what_moved_or_grew_is_new() -> None:
-    for other in (CLUSTER + 2.0 * STILLNESS, np.concatenate([CLUSTER, CLUSTER])):
-        memory: ClusterMemory[str] = ClusterMemory(STILLNESS, NOISE)
+    for other in (CLUSTER + 2.0 * MOVEMENT * RADIUS, np.concatenate([CLUSTER, CLUSTER])):
+        memory = ClusterMemory(RADIUS, NOISE)
         searched_in(memory, 2 * FIRST_SEARCHES)
         assert recalled(memory, other).result is None
 
@@ -76,7 +77,7 @@ def test_noise_makes_no_new_cluster_of_what_is_far() -> None:
     # 200 readings that share errors of 0.03 m in groups of 8: their mean is sure to 6 mm.
     rng = np.random.default_rng(1)
     noise = RangeNoise(0.03, 0.0, 1.0, 0.0, correlated=8.0)
-    memory: ClusterMemory[str] = ClusterMemory(0.001, noise)
+    memory = ClusterMemory(0.005, noise)
     new_clusters = 0
     for _ in range(200):
         errors = np.repeat(rng.normal(0.0, 0.03, size=25), 8)
@@ -90,11 +91,11 @@ def test_noise_makes_no_new_cluster_of_what_is_far() -> None:
 
 @given(results=st.lists(st.booleans(), min_size=1, max_size=30))
 def test_successes_are_counted_as_long_as_a_cluster_stays(results: list[bool]) -> None:
-    memory: ClusterMemory[None] = ClusterMemory(STILLNESS, NOISE)
+    memory = ClusterMemory(RADIUS, NOISE)
     for result in results:
         cluster = recalled(memory).after_search(success=result)
         assert not result or cluster.deserves_a_search
-        memory.keep(cluster, None)
+        memory.keep(cluster)
         memory.end_frame()
     cluster = recalled(memory)
     assert (cluster.searches, cluster.successes) == (len(results), sum(results))
@@ -102,12 +103,12 @@ def test_successes_are_counted_as_long_as_a_cluster_stays(results: list[bool]) -
 
 @given(order=st.permutations([0, 1, 2, 3]))
 def test_what_waits_is_counted_until_it_is_searched(order: list[int]) -> None:
-    memory: ClusterMemory[None] = ClusterMemory(STILLNESS, NOISE)
+    memory = ClusterMemory(RADIUS, NOISE)
     for waits in order:
         for k in range(waits):
             cluster = recalled(memory)
             assert cluster.waited == k
             memory.postpone(cluster)
             memory.end_frame()
-        memory.keep(recalled(memory), None)
+        memory.keep(recalled(memory))
         memory.end_frame()

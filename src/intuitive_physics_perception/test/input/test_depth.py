@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace as Message
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_perception.input.camera import Intrinsics
-from intuitive_physics_perception.input.depth import depth_from_image_data, points_from_depth
+from intuitive_physics_perception.input.depth import depth_of_image, points_from_depth
 
 K = [500.0, 0.0, 3.0, 0.0, 400.0, 2.0, 0.0, 0.0, 1.0]
 
@@ -79,10 +81,10 @@ def test_image_and_camera_must_have_one_size() -> None:
 def test_image_rows_may_be_padded() -> None:
     padded = np.zeros((2, 4), "<u2")
     padded[:, :3] = [[1, 2, 3], [4, 5, 6]]
-    image = depth_from_image_data(
-        padded.tobytes(), width=3, height=2, encoding="16UC1", step=8, is_bigendian=False
+    image = Message(
+        data=padded.tobytes(), width=3, height=2, encoding="16UC1", step=8, is_bigendian=0
     )
-    assert image.tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert depth_of_image(image).tolist() == [[1, 2, 3], [4, 5, 6]]
 
 
 @pytest.mark.parametrize(
@@ -95,9 +97,9 @@ def test_image_rows_may_be_padded() -> None:
     ],
 )
 def test_images_that_are_not_depth_are_refused(changes: dict, message: str) -> None:
-    arguments = {"width": 3, "height": 2, "encoding": "16UC1", "step": 6, "is_bigendian": False}
+    header = {"width": 3, "height": 2, "encoding": "16UC1", "step": 6, "is_bigendian": 0}
     with pytest.raises(InvalidInputError, match=message):
-        depth_from_image_data(bytes(12), **{**arguments, **changes})
+        depth_of_image(Message(data=bytes(12), **{**header, **changes}))
 
 
 sizes = st.integers(0, 40) | st.integers(0, 2**32 - 1)
@@ -105,29 +107,23 @@ sizes = st.integers(0, 40) | st.integers(0, 2**32 - 1)
 
 @settings(max_examples=300, deadline=None)
 @given(
-    st.binary(max_size=400),
-    sizes,
-    sizes,
-    sizes,
-    st.sampled_from(["16UC1", "32FC1", "mono16", "8UC1", ""]),
-    st.booleans(),
+    st.builds(
+        Message,
+        data=st.binary(max_size=400),
+        width=sizes,
+        height=sizes,
+        step=sizes,
+        encoding=st.sampled_from(["16UC1", "32FC1", "mono16", "8UC1", ""]),
+        is_bigendian=st.integers(0, 1),
+    )
 )
-def test_any_image_message_gives_points_or_one_error(
-    data, width, height, step, encoding, is_bigendian
-) -> None:
+def test_any_image_message_gives_points_or_one_error(message) -> None:
     try:
-        image = depth_from_image_data(
-            data,
-            width=width,
-            height=height,
-            encoding=encoding,
-            step=step,
-            is_bigendian=is_bigendian,
-        )
+        image = depth_of_image(message)
     except InvalidInputError:
         return
-    assert image.shape == (height, width)
+    assert image.shape == (message.height, message.width)
     if image.size:
-        points = points_from_depth(image, Intrinsics(width, height, K).rays())
+        points = points_from_depth(image, Intrinsics(message.width, message.height, K).rays())
         depth = points[..., 2]
         assert ((depth > 0.0) | np.isnan(depth)).all()

@@ -49,21 +49,6 @@ def image(width=WIDTH, height=HEIGHT, **changes) -> Message:
     return Message(**{**fields, **changes})
 
 
-def cloud(**changes) -> Message:
-    fields = {
-        "width": 4,
-        "height": 1,
-        "point_step": 12,
-        "row_step": 48,
-        "is_bigendian": False,
-        "fields": [
-            Message(name=name, offset=4 * k, datatype=7, count=1) for k, name in enumerate("xyz")
-        ],
-        "data": np.ones(12, "<f4").tobytes(),
-    }
-    return Message(**{**fields, **changes})
-
-
 def points_or_one_sentence(decode):
     """Return the shape of what is decoded, or "refused" where one clear sentence says why not."""
     try:
@@ -191,33 +176,3 @@ def test_any_camera_and_image_give_points_or_one_error_and_then_a_good_image_poi
     assert points_or_one_sentence(decode) in ("refused", (message.height, message.width, 3))
     decoder.take_camera(info())
     assert np.isfinite(decoder.image_points(image())).all()
-
-
-@settings(max_examples=200, deadline=None)
-@given(
-    st.fixed_dictionaries(
-        {},
-        optional={
-            "width": unsigned,
-            "height": unsigned,
-            "point_step": unsigned,
-            "row_step": unsigned,
-            "is_bigendian": st.booleans(),
-            "data": st.binary(max_size=300),
-            "fields": st.lists(
-                st.builds(
-                    Message,
-                    name=st.sampled_from(["x", "y", "z", "rgb"]) | st.text(max_size=3),
-                    offset=unsigned,
-                    datatype=st.integers(0, 255) | st.sampled_from([7, 8]),
-                    count=unsigned,
-                ),
-                max_size=8,
-            ),
-        },
-    )
-)
-def test_any_cloud_gives_points_or_one_error(changes) -> None:
-    message = cloud(**changes)
-    shape = points_or_one_sentence(lambda: FrameDecoder.cloud_points(message))
-    assert shape in ("refused", (message.height, message.width, 3))

@@ -101,9 +101,10 @@ def _fit_swept_ball(points: NDArray[np.float32]) -> None:
     """Fit the ball of `_with_ball` as one that moves during the exposure."""
     readings = points[points[..., 2] < 1.6]
     sphere, sweep = np.array([0.0, 0.0, 1.5, 0.2]), np.array([0.05, 0.0, 0.0])
-    fit_sweep(readings.astype(np.float64), sphere, sweep, 0.1, np.full(4, 1e-6), 0.0)
+    times = np.full(len(readings), np.nan)
+    fit_sweep(readings.astype(np.float64), times, sphere, sweep, 0.1, np.full(4, 1e-6), 0.0)
     for kind in (np.float32, np.float64):
-        unswept(readings.astype(kind), sphere, sweep)
+        unswept(readings.astype(kind), times, sphere, sweep)
 
 
 def _look_at_ball(points: NDArray[np.float32]) -> None:

@@ -12,6 +12,20 @@ from intuitive_physics.frames.change_of_frame import RigidTransform
 
 
 @dataclass(frozen=True, eq=False)
+class Scan:
+    """When the readings of a cloud were taken that is no image.
+
+    Parameters
+    ----------
+    offsets : (n,) s, of each reading after the time of the frame
+    duration : s, from the first one to the last
+    """
+
+    offsets: NDArray[np.float32]
+    duration: float
+
+
+@dataclass(frozen=True, eq=False)
 class Frame:
     """One frame of one sensor.
 
@@ -31,6 +45,15 @@ class Frame:
     pose: RigidTransform | None = None
     camera: str = ""
     offsets: NDArray[np.float32] | None = None
+
+    @cached_property
+    def scan(self) -> Scan | None:
+        """Times of the readings; None where they are an image, or all of one time."""
+        if self.offsets is None or self.points.shape[0] > 1:
+            return None
+        read = self.offsets[np.isfinite(self.points[..., 2])]
+        duration = float(np.ptp(read)) if read.size else 0.0
+        return Scan(self.offsets.ravel(), duration) if duration > 0.0 else None
 
     def delay_of(self, readings: NDArray[np.int64]) -> float:
         """Return the mean time, s, after that of the frame, of some readings.

@@ -315,8 +315,12 @@ class PerceptionPipeline:
             eye.look_about(points, clusters, self._followed)
         budget.begin()
         with timer.stage("spheres"):
-            expected = [start.seen_from(eye.model) for start in tracker.expected_spheres(time)]
-            spheres = eye.stages.spheres.find(points, clusters, SEARCHES_IN_FRAME, expected, budget)
+            expected = [
+                start.seen_from(eye.model) for start in tracker.expected_spheres(time, frame.scan)
+            ]
+            spheres = eye.stages.spheres.find(
+                points, clusters, SEARCHES_IN_FRAME, expected, budget, frame.scan
+            )
         with timer.stage("solids"):
             seen = all_objects(points, spheres, eye.stages.solids, frame.colors, budget)
             pixels = [item.pixels(points) for item in seen]
@@ -324,7 +328,10 @@ class PerceptionPipeline:
         with timer.stage("tracking"):
             pose = eye.model.rotation, eye.model.translation
             detections = [
-                replace(item.detection.moved(*pose), delay=frame.delay_of(readings))
+                replace(
+                    item.detection.moved(*pose),
+                    delay=item.detection.delay or frame.delay_of(readings),
+                )
                 for item, readings in zip(seen, pixels, strict=True)
             ]
             others = max(sum(clusters.new) - len(detections), 0)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.kernels import allocating_entry, entry
+from intuitive_physics_perception.frame import Scan
 
 WINDOW_RADII = 1.8
 """Distance from its centre that is inspected around a sphere, in radii."""
@@ -26,7 +27,8 @@ class ClusterView:
 
     `points` (height, width, 3) of the frame; `cluster` (n,) indices of its points; `marks`
     (height, width) of its points, as `Clusters` has them; None where nothing is known of what was
-    there before.
+    there before; `scan`: when its points were read; None where all are of one time; `middle` in s,
+    the time of the frame to which motions are reduced; None: the mean of the cluster's points.
     """
 
     def __init__(
@@ -34,20 +36,36 @@ class ClusterView:
         points: NDArray[np.float32],
         cluster: NDArray[np.int64],
         marks: NDArray[np.uint8] | None = None,
+        scan: Scan | None = None,
+        middle: float | None = None,
     ) -> None:
         self.marks = marks
+        self.scan = scan
+        if middle is None:
+            middle = 0.0 if scan is None else float(scan.offsets[cluster].mean())
+        self.middle = middle
         self._last_cone: tuple[NDArray[np.float64], float, NDArray[np.int64]] | None = None
         self.points = points
         self.cluster = cluster
 
     def part(self, chosen: NDArray[np.bool_]) -> ClusterView:
         """Return the view of those of the cluster's points that are chosen, (n,)."""
-        return ClusterView(self.points, self.cluster[chosen], self.marks)
+        return ClusterView(self.points, self.cluster[chosen], self.marks, self.scan, self.middle)
 
     @cached_property
     def readings(self) -> NDArray[np.float64]:
         """The cluster's points (n, 3) m."""
         return self.points.reshape(-1, 3)[self.cluster].astype(np.float64)
+
+    def times_of(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the times (n,) of some of the frame's points after `middle`, in durations of the
+        scan; NaN where none are known.
+
+        `indices` (n,) of the points.
+        """
+        if self.scan is None:
+            return np.full(indices.size, np.nan)
+        return (self.scan.offsets[indices].astype(np.float64) - self.middle) / self.scan.duration
 
     @property
     def is_organised(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,6 +115,9 @@ INSIDE = 0.9
 """Radii from where a sphere is expected within which readings are of it, whatever it touches: it
 may be off by the rest. Set by hand."""
 
+SPEED_SIGMAS = 3.0
+"""Standard deviations of an unknown speed that `max_speed` is."""
+
 RADIUS_DEVIATION = 1e-4
 """Standard deviation of a known radius in m: numerical, covariances stay far from singular."""
 
@@ -125,10 +129,12 @@ class Part:
     Parameters
     ----------
     points : (n, 3) m
+    times : (n,) of each, as in `ClusterView.times_of`
     total : how many these were drawn from
     """
 
     points: NDArray[np.float64]
+    times: NDArray[np.float64]
     total: int
 
 
@@ -139,7 +145,8 @@ class Start:
     Parameters
     ----------
     sphere : (4,) m, centre and radius
-    sweep : (3,) m, way of its centre during the exposure; either end may be the first
+    sweep : (3,) m, way of its centre during the exposure, either end of which may be the first, or
+        from the first reading of a scan to its last
     sweep_deviation : standard deviation of each component of the sweep, m; 0 where it is exact
     size_is_known : whether other frames have shown its radius, so that this one need not
     is_object : whether other frames have shown that it is an object
@@ -270,7 +277,19 @@ class SphereFitter:
 
         `most_goes_on`: part of the ring round its outline in which the cluster may go on at most;
         `beside_others`: whether what it touches may be other spheres, which are no readings of it.
+        Where readings have times of their own, it may move where it does not fit at rest.
         """
+        beside = most_goes_on, beside_others
+        sphere = self._fitted(view, part, start, *beside)
+        if sphere is None and view.scan is not None and start.sweep_deviation == 0.0:
+            deviation = self._longest_sweep(view) / SPEED_SIGMAS
+            sphere = self._fitted(view, part, replace(start, sweep_deviation=deviation), *beside)
+        return sphere
+
+    def _fitted(
+        self, view: ClusterView, part: Part, start: Start, most_goes_on: float, beside_others: bool
+    ) -> DetectedSphere | None:
+        """What `fitted` returns, with the sweep that the start has."""
         swept = self._swept(view, part, start) if part.total else None
         begun = None if swept is None else self._begun(*swept)
         if begun is None:
@@ -295,35 +314,30 @@ class SphereFitter:
             return None
         return self._inspected(begun.view, fit, most_goes_on, is_object=start.is_object)
 
-    def part(self, points: NDArray[np.float64]) -> Part:
-        """Return as many of some points as a sphere is fitted to.
+    def part(self, view: ClusterView, chosen: NDArray[np.bool_] | None = None) -> Part:
+        """Return as many of a cluster's points, or of those that are chosen, (n,), as a sphere is
+        fitted to."""
+        every = np.arange(len(view.cluster)) if chosen is None else np.flatnonzero(chosen)
+        some = self.some(every, FITTED_POINTS)
+        return Part(view.readings[some], view.times_of(view.cluster[some]), len(every))
 
-        `points` (n, 3) m.
-        """
-        return Part(self.some(points, FITTED_POINTS), len(points))
-
-    def part_near(self, points: NDArray[np.float64], start: Start) -> Part:
-        """Return as many of those points whose rays meet a sphere, or hardly miss it.
-
-        `points` (n, 3) m.
-        """
+    def part_near(self, view: ClusterView, start: Start) -> Part:
+        """Return as many of those points whose rays meet a sphere, or hardly miss it."""
         reach = EXPECTED_REACH * start.sphere[3]
         reach += STRAY_SIGMAS * np.sqrt(self.noise[3]) * np.linalg.norm(start.sphere[:3])
-        return self.part(points[passing_way(points, start.sphere[:3], start.sweep) < reach])
+        passed = passing_way(view.readings, start.sphere[:3], start.sweep)
+        return self.part(view, passed < reach)
 
-    def part_inside(self, points: NDArray[np.float64], start: Start) -> Part:
-        """Return as many of those points whose rays meet a sphere well inside its outline.
+    def part_inside(self, view: ClusterView, start: Start) -> Part:
+        """Return as many of those points whose rays meet a sphere well inside its outline."""
+        passed = passing_way(view.readings, start.sphere[:3], start.sweep)
+        return self.part(view, passed < INSIDE * start.sphere[3])
 
-        `points` (n, 3) m.
-        """
-        reach = INSIDE * start.sphere[3]
-        return self.part(points[passing_way(points, start.sphere[:3], start.sweep) < reach])
-
-    def some(self, points: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-        """Return at most `count` random ones, (m, 3) m, of points (n, 3) m."""
-        if len(points) <= count:
-            return points
-        return points[self._rng.choice(len(points), count, replace=False)]
+    def some(self, items: NDArray[Any], count: int) -> NDArray[Any]:
+        """Return at most `count` random ones, (m, ...), of items (n, ...)."""
+        if len(items) <= count:
+            return items
+        return items[self._rng.choice(len(items), count, replace=False)]
 
     def _swept(
         self, view: ClusterView, part: Part, start: Start
@@ -335,12 +349,17 @@ class SphereFitter:
         if len(part.points) < self._settings.min_points:
             return None
         deviation, sharing = start.sweep_deviation, self._shared(part)
-        sweep = fit_sweep(part.points, start.sphere, start.sweep, deviation, self.noise, sharing)
-        length = float(np.linalg.norm(sweep.sweep))
-        if not length <= self._settings.max_speed * self._settings.exposure:
+        readings, begin = (part.points, part.times), (start.sphere, start.sweep)
+        sweep = fit_sweep(*readings, *begin, deviation, self.noise, sharing)
+        if not float(np.linalg.norm(sweep.sweep)) <= self._longest_sweep(view):
             return None
-        moved = Part(unswept(part.points, sweep.sphere, sweep.sweep), part.total)
+        moved = replace(part, points=unswept(*readings, sweep.sphere, sweep.sweep))
         return SweptView(view, sweep.sphere, sweep.sweep), moved, sweep
+
+    def _longest_sweep(self, view: ClusterView) -> float:
+        """Way in m that an object may go while it is read."""
+        lasting = self._settings.exposure if view.scan is None else view.scan.duration
+        return self._settings.max_speed * lasting
 
     def _begun(self, view: ClusterView, part: Part, sweep: Sweep) -> BegunFit | None:
         """Fit a first time: outline and noise of the surface are known well only then."""
@@ -365,7 +384,7 @@ class SphereFitter:
         systematic = np.outer(fit.shift, fit.shift) + SYSTEMATIC_ERROR**2 * np.eye(4)
         # The edges that a scanner's beam smears weigh too much where the others weigh less.
         doubt = 1.0 if view.is_organised else 1.0 + self._shared(part)
-        doubt *= SWEPT_DOUBT if sweep.sweep.any() else 1.0
+        doubt *= SWEPT_DOUBT if sweep.sweep.any() and view.scan is None else 1.0
         covariance = doubt * fit.covariance + sweep.spread + systematic
         return SphereFit(fit.sphere, covariance, systematic, scale, sweep.sweep)
 
@@ -441,6 +460,7 @@ class SphereFitter:
             systematic=fit.systematic,
             sweep=fit.sweep,
             outline=outline,
+            delay=view.middle if fit.sweep.any() else 0.0,
         )
 
     def _outline(self, view: ClusterView, fit: SphereFit, visible: float) -> Outline | None:

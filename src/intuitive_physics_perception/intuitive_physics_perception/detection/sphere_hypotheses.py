@@ -18,7 +18,12 @@ from numpy.typing import NDArray
 
 from intuitive_physics.kernels import allocating_entry, allocating_kernel
 from intuitive_physics_perception.detection.cluster_view import ClusterView
-from intuitive_physics_perception.detection.fitted_sphere import Part, SphereFitter, Start
+from intuitive_physics_perception.detection.fitted_sphere import (
+    SPEED_SIGMAS,
+    Part,
+    SphereFitter,
+    Start,
+)
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.sphere_fit import (
     BEHIND_SIGMAS,
@@ -48,9 +53,6 @@ ROUGHLY_ON = 0.6
 ALIKE = 0.2
 """Difference of centres and radii, in radii, of hypotheses of which only one is fitted: the widest
 gate of a fit reaches farther. Set by hand."""
-
-SPEED_SIGMAS = 3.0
-"""Standard deviations of an unknown speed that `max_speed` is."""
 
 LARGEST_SINE = 0.9
 """Sine of the half angle of an outline at most: numerical, a sensor inside a sphere sees none."""
@@ -136,18 +138,18 @@ class SphereHypotheses:
         """
         readings = view.readings
         for start in expected:
-            yield Hypothesis(self._fitter.part_near(readings, start), start)
+            yield Hypothesis(self._fitter.part_near(view, start), start)
         if effort is Effort.EXPECTED:
             return
         if may_move:
-            yield from self._swept(readings)
+            yield from self._swept(view)
         inscribed = (
             inscribed_spheres(view.points, view.cluster, view.pixel) if view.is_organised else []
         )
         if len(inscribed) > 1:
             for start in map(Start, inscribed):
-                yield Hypothesis(self._fitter.part_near(readings, start), start, must_end=True)
-        whole = self._fitter.part(readings)
+                yield Hypothesis(self._fitter.part_near(view, start), start, must_end=True)
+        whole = self._fitter.part(view)
         yield Hypothesis(whole, Start(outline_sphere(whole.points)))
         for sphere in spheres_of_radius(whole.points, self._fitter.known_radii):
             yield Hypothesis(whole, Start(sphere))
@@ -177,13 +179,13 @@ class SphereHypotheses:
                 tried.append(sphere)
                 yield Hypothesis(whole, Start(sphere))
 
-    def _swept(self, readings: NDArray[np.float64]) -> Iterator[Hypothesis]:
+    def _swept(self, view: ClusterView) -> Iterator[Hypothesis]:
         """The ball that a long outline suggests, whose sweep along the line of sight is unknown."""
         settings = self._settings
-        suggested = swept_outline(readings) if settings.exposure > 0.0 else None
+        suggested = swept_outline(view.readings) if settings.exposure > 0.0 else None
         if suggested is not None:
             deviation = settings.max_speed * settings.exposure / SPEED_SIGMAS
-            yield Hypothesis(self._fitter.part(readings), Start(*suggested, deviation))
+            yield Hypothesis(self._fitter.part(view), Start(*suggested, deviation))
 
     def _explains(self, points: NDArray[np.float32], sphere: NDArray[np.float64]) -> bool:
         """Cheap inlier test before refinement: are most points in the outline on the sphere?"""

@@ -31,6 +31,7 @@ from intuitive_physics_perception.detection.sphere_hypotheses import (
 from intuitive_physics_perception.detection.static_spheres import STATIC_SUCCESSES, StaticSpheres
 from intuitive_physics_perception.detection.swept_sphere import passing_way
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
+from intuitive_physics_perception.frame import Scan
 from intuitive_physics_perception.settings import PerceptionSettings
 
 ROUGHLY_SEEN = 0.5
@@ -108,6 +109,7 @@ class SphereFinder:
         searches: int | None = None,
         expected: Sequence[Start] = (),
         budget: FrameBudget | None = None,
+        scan: Scan | None = None,
     ) -> list[ClusterSpheres]:
         """Return the spheres by cluster of a frame of points (height, width, 3), in the sensor's
         frame.
@@ -117,7 +119,8 @@ class SphereFinder:
         others wait for the next frame. None searches all; `expected`: spheres that are
         followed, where they should be; `budget`: when it is spent, these alone are still looked
         for, and clusters that have not been searched to the end wait, too; but the first one, as it
-        had nearly all of the time. None has no end.
+        had nearly all of the time. None has no end; `scan`: when the points were read; None where
+        all are of one time.
         """
         budget = budget or FrameBudget()
         results, searched = [], np.zeros(len(clusters.indices), dtype=bool)
@@ -142,7 +145,7 @@ class SphereFinder:
             may_search = left > 0 and not (memory.has_just_come and others_wait)
             effort = Effort.EXPECTED if budget.is_spent else self._effort(memory, may_search)
             inside = self._spheres_in(
-                ClusterView(points, cluster, clusters.marks),
+                ClusterView(points, cluster, clusters.marks, scan),
                 followed[k],
                 effort,
                 budget,
@@ -188,7 +191,7 @@ class SphereFinder:
             away = np.linalg.norm(view.readings - start.sphere[:3], axis=1)
             if not new or away.min() >= EXPECTED_REACH * start.sphere[3]:
                 continue
-            part = self._fitter.part_inside(view.readings, start)
+            part = self._fitter.part_inside(view, start)
             if part.total < self._settings.min_points:
                 continue
             detected = self._fitter.fitted(view, part, replace(start, size_is_known=True))
@@ -265,7 +268,7 @@ class SphereFinder:
                 start = replace(
                     candidate.start, sphere=candidate.sphere.numbers, sweep=candidate.sphere.sweep
                 )
-                part = self._fitter.part_near(view.readings, start)
+                part = self._fitter.part_near(view, start)
                 refitted = self._fitter.fitted(view, part, start, most)
                 k = candidates.index(candidate)
                 if refitted is not None:

@@ -8,13 +8,16 @@ their middle and h(t) = sqrt(r² - m(t)²), u·(c + t̄ s) less the mean of h. S
     p' = p - t̄ s - (h(t̄) - mean of h) u,
 
 where it would be of a ball that rests in c, and p' lies on the sphere of radius r about c. This
-does not depend on the least share of the exposure that makes a reading. Lengths in m, the sensor at
+does not depend on the least share of the exposure that makes a reading.
+
+A reading of a scanner is of one time t, which some state, in durations of a scan; it is moved to
+p' = p - t s, where s is the way during the scan. Lengths in m, the sensor at
 the origin; `noise` as in `sphere_fit`.
 """
 
 from __future__ import annotations
 
-from math import asin, sqrt
+from math import asin, isnan, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -81,7 +84,7 @@ class SweptView(ClusterView):
     def __init__(
         self, view: ClusterView, sphere: NDArray[np.float64], sweep: NDArray[np.float64]
     ) -> None:
-        super().__init__(view.points, view.cluster, view.marks)
+        super().__init__(view.points, view.cluster, view.marks, view.scan, view.middle)
         self._ball = sphere, sweep
 
     def _near(self, sphere: NDArray[np.float64]) -> tuple[tuple[Any, Any], int]:
@@ -91,7 +94,9 @@ class SweptView(ClusterView):
 
     def _read(self, near: tuple[Any, Any]) -> NDArray[np.float32]:
         """Readings (n, 3) m, moved."""
-        return np.asarray(unswept(super()._read(near), *self._ball), dtype=np.float32)
+        points = super()._read(near)
+        times = np.full(len(points), np.nan) if self.scan is None else self.times_of(near[1])
+        return np.asarray(unswept(points, times, *self._ball), dtype=np.float32)
 
 
 def swept_outline(
@@ -178,12 +183,13 @@ def _time_and_excess(
 
 
 @allocating_entry
-def unswept(points: Any, sphere: Any, sweep: Any) -> Any:
+def unswept(points: Any, times: Any, sphere: Any, sweep: Any) -> Any:
     """Return readings (n, 3) where they would be of a ball that rests in the middle of its sweep.
 
     What is not near the ball along its ray stays where it is.
 
-    `points` (n, 3) m, may hold NaN; `sphere` (4,) m; `sweep` (3,) m.
+    `points` (n, 3) m, may hold NaN; `times` (n,) of the readings, NaN where these are of the whole
+    exposure; `sphere` (4,) m; `sweep` (3,) m.
     """
     moved = points.copy()
     for i in range(points.shape[0]):
@@ -192,7 +198,9 @@ def unswept(points: Any, sphere: Any, sweep: Any) -> Any:
         if not distance > 0.0:
             continue
         ux, uy, uz = x / distance, y / distance, z / distance
-        time, excess = _time_and_excess(ux, uy, uz, sphere, sweep)
+        time, excess = times[i], 0.0
+        if isnan(time):
+            time, excess = _time_and_excess(ux, uy, uz, sphere, sweep)
         cx, cy, cz = (
             sphere[0] + time * sweep[0],
             sphere[1] + time * sweep[1],
@@ -209,7 +217,7 @@ def unswept(points: Any, sphere: Any, sweep: Any) -> Any:
 
 @allocating_entry
 def fit_sweep(
-    points: Any, sphere: Any, sweep: Any, deviation: float, noise: Any, sharing: float
+    points: Any, times: Any, sphere: Any, sweep: Any, deviation: float, noise: Any, sharing: float
 ) -> Sweep:
     """Fit centre, radius and sweep together, by Gauss-Newton over the inliers.
 
@@ -218,10 +226,10 @@ def fit_sweep(
     the prior mean `sweep` and the standard deviation `deviation` in each component; the radius that
     of `OUTLINE_DEVIATION`, as no outline takes part here. With the normal
     equations in blocks, A of the sphere and B between both, its covariance S makes the sphere
-    differ by A⁻¹ B S Bᵀ A⁻¹.
+    differ by A⁻¹ B S Bᵀ A⁻¹. Where fewer readings fit than there are numbers, the sweep is NaN.
 
-    `points` (n, 3) m; `sphere` (4,) m and `sweep` (3,) m to begin from; `deviation` in m;
-    `sharing`: as in `refine_sphere`.
+    `points` (n, 3) m; `times` (n,) as in `unswept`; `sphere` (4,) m and `sweep` (3,) m to begin
+    from; `deviation` in m; `sharing`: as in `refine_sphere`.
     """
     fitted, prior = np.concatenate((sphere, sweep)), OUTLINE_DEVIATION * sphere[3]
     normal, right, row = np.zeros((7, 7)), np.zeros(7), np.zeros(7)
@@ -235,12 +243,14 @@ def fit_sweep(
             right[4 + a] = (sweep[a] - fitted[4 + a]) / deviation**2
         normal[3, 3] = 1.0 / prior**2
         right[3] = (sphere[3] - fitted[3]) / prior**2
-        now, way = fitted[:4], fitted[4:]
+        now, way, inliers = fitted[:4], fitted[4:], 0
         for i in range(points.shape[0]):
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
             distance = sqrt(x * x + y * y + z * z)
             ux, uy, uz = x / distance, y / distance, z / distance
-            time, excess = _time_and_excess(ux, uy, uz, now, way)
+            time, excess = times[i], 0.0
+            if isnan(time):
+                time, excess = _time_and_excess(ux, uy, uz, now, way)
             x -= time * way[0] + excess * ux
             y -= time * way[1] + excess * uy
             z -= time * way[2] + excess * uz
@@ -249,6 +259,7 @@ def fit_sweep(
             )
             if error * error > gate * gate * variance or ahead < -BEHIND_SIGMAS * spread:
                 continue
+            inliers += 1
             write_normal(row, x, y, z, ahead, sine, now)
             for a in range(3):
                 row[4 + a] = time * row[a]
@@ -259,6 +270,8 @@ def fit_sweep(
                 right[a] += weight * row[a] * error
                 for b in range(7):
                     normal[a, b] += weight * row[a] * row[b]
+        if inliers < row.size:
+            return Sweep(now, np.full(3, np.nan), np.full((4, 4), np.nan))
         change = np.linalg.solve(normal, right)
         for a in range(7):
             fitted[a] += min(max(change[a], -0.5 * fitted[3]), 0.5 * fitted[3])

@@ -16,6 +16,7 @@ from intuitive_physics_perception.detection.detections import (
     kind_of,
 )
 from intuitive_physics_perception.detection.fitted_sphere import Start
+from intuitive_physics_perception.frame import Scan
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.existence import (
     evidence_of_company,
@@ -169,14 +170,22 @@ class Tracker:
         touched = any(later.prediction.contact for later in track.after(step.time))
         return not (track.resting or touched or surfaces.touches(step.mean[POSITION], reach))
 
-    def expected_spheres(self, time: float) -> list[Start]:
-        """Return each sphere that is followed, as expected at a time.
+    def expected_spheres(self, time: float, scan: Scan | None = None) -> list[Start]:
+        """Return each sphere that is followed, as expected in a frame.
 
-        `time` in s, later than that of the frame before.
+        `time` of the frame in s, later than that of the frame before; `scan`: when its points were
+        read; None where all are of that time.
         """
         self._carry_on(time)
+        lasting = self._settings.exposure if scan is None else scan.duration
+        middle = 0.0 if scan is None else 0.5 * scan.duration
         return [
-            self._expected(track, track.mean[POSITION], track.mean[VELOCITY])
+            self._expected(
+                track,
+                track.mean[POSITION] + middle * track.mean[VELOCITY],
+                track.mean[VELOCITY],
+                lasting,
+            )
             for track in self._tracks
             if track.kind == "sphere"
         ]
@@ -204,7 +213,8 @@ class Tracker:
         spread = (1.0 - part) ** 2 * frame_covariance(at_first)[:3, :3]
         spread = spread + part**2 * frame_covariance(at_second)[:3, :3] + bent**2 * np.eye(3)
         place = at_first.center + (time - first) * velocity
-        return ExpectedBefore(self._expected(track, place, velocity), spread)
+        start = self._expected(track, place, velocity, self._settings.exposure)
+        return ExpectedBefore(start, spread)
 
     def is_same(self, track: Track, detection: Detection, expected: ExpectedBefore) -> bool:
         """Return whether what was found in an earlier frame is the sphere expected there."""
@@ -215,17 +225,22 @@ class Tracker:
         return bool(same_size and off @ np.linalg.solve(spread, off) < HINDSIGHT_GATE)
 
     def _expected(
-        self, track: Track, place: NDArray[np.float64], velocity: NDArray[np.float64]
+        self,
+        track: Track,
+        place: NDArray[np.float64],
+        velocity: NDArray[np.float64],
+        lasting: float,
     ) -> Start:
-        """A followed sphere as it is seen at a place (3,) m with a velocity (3,) m/s."""
-        exposure, spread = self._settings.exposure, track.covariance[VELOCITY, VELOCITY]
-        deviation = exposure * float(np.sqrt(np.linalg.eigvalsh(spread)[-1]))
+        """A followed sphere as it is seen at a place (3,) m with a velocity (3,) m/s, in a frame
+        that is read for `lasting` s."""
+        spread = track.covariance[VELOCITY, VELOCITY]
+        deviation = lasting * float(np.sqrt(np.linalg.eigvalsh(spread)[-1]))
         radius = float(track.mean[RADIUS])
         # A swept surface shows the radius less well than the frames before did.
-        known = exposure > 0.0
+        known = self._settings.exposure > 0.0
         return Start(
             np.append(place, radius),
-            exposure * velocity,
+            lasting * velocity,
             deviation,
             size_is_known=known,
             is_object=track.confirmed,

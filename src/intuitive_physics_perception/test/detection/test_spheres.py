@@ -279,10 +279,10 @@ def test_no_reading_makes_no_sphere(corner_model) -> None:
     fitter = SphereFitter(model.noise, SETTINGS, np.random.default_rng(0))
     fitter.look_from(model)
     start = Start(np.append(room.to_camera([1.5, 0.0, 0.3]), 0.05))
-    readings = points.reshape(-1, 3)[cluster].astype(float)
     view = ClusterView(points, cluster)
-    assert fitter.fitted(view, fitter.part_near(readings, start), start) is not None
-    assert fitter.fitted(view, fitter.part_near(readings[:0], start), start) is None
+    nothing = fitter.part(view, np.zeros(len(cluster), dtype=bool))
+    assert fitter.fitted(view, fitter.part_near(view, start), start) is not None
+    assert fitter.fitted(view, nothing, start) is None
 
 
 def test_an_empty_scene_has_no_spheres(find) -> None:

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.stats import chi2
 
+from intuitive_physics_perception.detection.cluster_view import ClusterView
+from intuitive_physics_perception.detection.fitted_sphere import SphereFitter, Start
 from intuitive_physics_perception.detection.swept_sphere import fit_sweep, unswept
+from intuitive_physics_perception.environment.noise import RangeNoise
+from intuitive_physics_perception.frame import Scan
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
@@ -35,7 +41,8 @@ def swept_readings(rng, sphere, sweep, count=1500, instants=4000):
 def test_moved_readings_lie_on_the_sphere_in_the_middle_of_the_exposure(way, rng) -> None:
     sphere, sweep = np.array([0.2, -0.1, 1.8, 0.04]), np.array(way)
     readings = swept_readings(rng, sphere, sweep)
-    off = np.linalg.norm(unswept(readings, sphere, sweep) - sphere[:3], axis=1) - sphere[3]
+    moved = unswept(readings, np.full(len(readings), np.nan), sphere, sweep)
+    off = np.linalg.norm(moved - sphere[:3], axis=1) - sphere[3]
     # The sum over instants has an error of an instant's share of the range at either end.
     assert np.abs(off).max() < 2.0 * np.linalg.norm(sweep) / 4000 + 1e-4 * sphere[3]
 
@@ -46,10 +53,76 @@ def test_centre_radius_and_sweep_are_fitted_together(way, rng) -> None:
     readings = swept_readings(rng, sphere, sweep)
     across = sweep - (sweep @ sphere[:3]) * sphere[:3] / (sphere[:3] @ sphere[:3])
     start = sphere + [0.004, -0.004, 0.004, 0.002]
-    fitted = fit_sweep(readings, start, 0.7 * across, 0.1, NOISE, 0.0)
+    times = np.full(len(readings), np.nan)
+    fitted = fit_sweep(readings, times, start, 0.7 * across, 0.1, NOISE, 0.0)
     assert fitted.sphere == pytest.approx(sphere, abs=0.002)
     # Both ends are alike: the sign of the sweep is that of the start.
     assert fitted.sweep == pytest.approx(sweep, abs=0.006)
+
+
+def scanned_readings(rng, sphere, velocity, noise=0.0, count=300, duration=0.1):
+    """Readings (n, 3) m of a ball that was in the centre of the sphere (4,) m in the middle of a
+    scan, and their times after its beginning (n,) s: each of another ray at another time."""
+    offsets = rng.uniform(0.0, duration, count)
+    centers = sphere[:3] + (offsets - 0.5 * duration)[:, None] * velocity
+    toward = centers + rng.uniform(-1.0, 1.0, (count, 3)) * sphere[3]
+    rays = toward / np.linalg.norm(toward, axis=1)[:, None]
+    along = np.sum(rays * centers, axis=1)
+    rest = sphere[3] ** 2 - (np.sum(centers**2, axis=1) - along**2)
+    meets = rest > 0.0
+    ranges = along[meets] - np.sqrt(rest[meets]) + rng.normal(0.0, noise, meets.sum())
+    return rays[meets] * ranges[:, None], offsets[meets].astype(np.float32)
+
+
+velocities = st.tuples(*[st.floats(-4.0, 4.0)] * 3)
+
+
+@given(velocities, st.integers(0, 10_000))
+def test_readings_of_known_times_lie_on_the_sphere_where_it_was_in_the_middle(way, seed) -> None:
+    """p' = p - t s, exact but for the rounding of single precision."""
+    sphere, duration = np.array([0.2, -0.1, 1.8, 0.12]), 0.1
+    readings, offsets = scanned_readings(np.random.default_rng(seed), sphere, np.array(way))
+    times = offsets / duration - 0.5
+    moved = unswept(readings, times, sphere, duration * np.array(way))
+    off = np.linalg.norm(moved - sphere[:3], axis=1) - sphere[3]
+    assert np.abs(off).max() < 1e-5
+
+
+@settings(deadline=None)
+@given(st.tuples(*[st.floats(-0.5, 0.5)] * 3), st.integers(0, 10_000))
+def test_sphere_and_velocity_of_a_scanned_ball_are_fitted_together(way, seed) -> None:
+    """Without noise no error is left; it begins at rest, beside the ball."""
+    sphere, sweep = np.array([0.2, -0.1, 1.8, 0.12]), 0.1 * np.array(way)
+    readings, offsets = scanned_readings(np.random.default_rng(seed), sphere, np.array(way))
+    start, noise = sphere + [0.01, 0.0, 0.0, 0.0], np.square([0.01, 0.0, 1.0, 1e-5])
+    fitted = fit_sweep(readings, offsets / 0.1 - 0.5, start, np.zeros(3), 1e3, noise, 0.0)
+    assert fitted.sphere == pytest.approx(sphere, abs=1e-3)
+    assert fitted.sweep == pytest.approx(sweep, abs=1e-3)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.5, 3.0])
+def test_errors_of_a_scanned_ball_are_as_large_as_stated(speed, rng) -> None:
+    """Squared errors of the centre in its covariance: χ² of three degrees of freedom for each scan,
+    but for what is added for the edges that a beam smears."""
+    noise = RangeNoise(0.005, 0.0, 0.05, 1e-4)
+    fitter = SphereFitter(noise, PerceptionSettings(), rng)
+    squares = []
+    for _ in range(100):
+        sphere = np.append(rng.uniform(-0.2, 0.2, 2), [rng.uniform(1.5, 2.5), 0.12])
+        direction = rng.normal(size=3)
+        velocity = speed * direction / np.linalg.norm(direction)
+        readings, offsets = scanned_readings(rng, sphere, velocity, 0.005)
+        points = readings.astype(np.float32)[None]
+        view = ClusterView(points, np.arange(len(readings)), None, Scan(offsets, 0.1))
+        start = Start(sphere + np.append(rng.normal(0.0, 0.02, 3), 0.0))
+        found = fitter.fitted(view, fitter.part(view), start)
+        if found is None:
+            continue
+        delay = found.delay or float(offsets.mean())
+        error = found.center - sphere[:3] - (delay - 0.05) * velocity
+        squares.append(error @ np.linalg.solve(found.covariance[:3, :3], error))
+    assert len(squares) > 90
+    assert 0.3 < np.mean(squares) / 3.0 < 1.3
 
 
 @pytest.mark.long

@@ -115,9 +115,6 @@ INSIDE = 0.9
 """Radii from where a sphere is expected within which readings are of it, whatever it touches: it
 may be off by the rest. Set by hand."""
 
-SPEED_SIGMAS = 3.0
-"""Standard deviations of an unknown speed that `max_speed` is."""
-
 RADIUS_DEVIATION = 1e-4
 """Standard deviation of a known radius in m: numerical, covariances stay far from singular."""
 
@@ -277,19 +274,7 @@ class SphereFitter:
 
         `most_goes_on`: part of the ring round its outline in which the cluster may go on at most;
         `beside_others`: whether what it touches may be other spheres, which are no readings of it.
-        Where readings have times of their own, it may move where it does not fit at rest.
         """
-        beside = most_goes_on, beside_others
-        sphere = self._fitted(view, part, start, *beside)
-        if sphere is None and view.scan is not None and start.sweep_deviation == 0.0:
-            deviation = self._longest_sweep(view) / SPEED_SIGMAS
-            sphere = self._fitted(view, part, replace(start, sweep_deviation=deviation), *beside)
-        return sphere
-
-    def _fitted(
-        self, view: ClusterView, part: Part, start: Start, most_goes_on: float, beside_others: bool
-    ) -> DetectedSphere | None:
-        """What `fitted` returns, with the sweep that the start has."""
         swept = self._swept(view, part, start) if part.total else None
         begun = None if swept is None else self._begun(*swept)
         if begun is None:
@@ -313,6 +298,11 @@ class SphereFitter:
         if not self._is_plausible(fit, size_is_known=start.size_is_known):
             return None
         return self._inspected(begun.view, fit, most_goes_on, is_object=start.is_object)
+
+    def longest_sweep(self, view: ClusterView) -> float:
+        """Return the way, m, that an object may go while a cluster is read."""
+        lasting = self._settings.exposure if view.scan is None else view.scan.duration
+        return self._settings.max_speed * lasting
 
     def part(self, view: ClusterView, chosen: NDArray[np.bool_] | None = None) -> Part:
         """Return as many of a cluster's points, or of those that are chosen, (n,), as a sphere is
@@ -351,15 +341,10 @@ class SphereFitter:
         deviation, sharing = start.sweep_deviation, self._shared(part)
         readings, begin = (part.points, part.times), (start.sphere, start.sweep)
         sweep = fit_sweep(*readings, *begin, deviation, self.noise, sharing)
-        if not float(np.linalg.norm(sweep.sweep)) <= self._longest_sweep(view):
+        if not float(np.linalg.norm(sweep.sweep)) <= self.longest_sweep(view):
             return None
         moved = replace(part, points=unswept(*readings, sweep.sphere, sweep.sweep))
         return SweptView(view, sweep.sphere, sweep.sweep), moved, sweep
-
-    def _longest_sweep(self, view: ClusterView) -> float:
-        """Way in m that an object may go while it is read."""
-        lasting = self._settings.exposure if view.scan is None else view.scan.duration
-        return self._settings.max_speed * lasting
 
     def _begun(self, view: ClusterView, part: Part, sweep: Sweep) -> BegunFit | None:
         """Fit a first time: outline and noise of the surface are known well only then."""

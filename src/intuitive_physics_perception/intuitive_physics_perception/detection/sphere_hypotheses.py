@@ -18,12 +18,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.kernels import allocating_entry, allocating_kernel
 from intuitive_physics_perception.detection.cluster_view import ClusterView
-from intuitive_physics_perception.detection.fitted_sphere import (
-    SPEED_SIGMAS,
-    Part,
-    SphereFitter,
-    Start,
-)
+from intuitive_physics_perception.detection.fitted_sphere import Part, SphereFitter, Start
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.sphere_fit import (
     BEHIND_SIGMAS,
@@ -53,6 +48,9 @@ ROUGHLY_ON = 0.6
 ALIKE = 0.2
 """Difference of centres and radii, in radii, of hypotheses of which only one is fitted: the widest
 gate of a fit reaches farther. Set by hand."""
+
+SPEED_SIGMAS = 3.0
+"""Standard deviations of an unknown speed that `max_speed` is."""
 
 LARGEST_SINE = 0.9
 """Sine of the half angle of an outline at most: numerical, a sensor inside a sphere sees none."""
@@ -180,12 +178,17 @@ class SphereHypotheses:
                 yield Hypothesis(whole, Start(sphere))
 
     def _swept(self, view: ClusterView) -> Iterator[Hypothesis]:
-        """The ball that a long outline suggests, whose sweep along the line of sight is unknown."""
-        settings = self._settings
-        suggested = swept_outline(view.readings) if settings.exposure > 0.0 else None
+        """The ball that moves as the times of its readings tell, or that an outline suggests that
+        is longer than wide; nothing is known of the sweep along the line of sight."""
+        longest = self._fitter.longest_sweep(view)
+        if view.scan is not None:
+            sphere, sweep, deviation = scanned_motion(view.readings, view.times_of(view.cluster))
+            if np.linalg.norm(sweep) < longest:
+                yield Hypothesis(self._fitter.part(view), Start(sphere, sweep, deviation))
+            return
+        suggested = swept_outline(view.readings) if longest > 0.0 else None
         if suggested is not None:
-            deviation = settings.max_speed * settings.exposure / SPEED_SIGMAS
-            yield Hypothesis(self._fitter.part(view), Start(*suggested, deviation))
+            yield Hypothesis(self._fitter.part(view), Start(*suggested, longest / SPEED_SIGMAS))
 
     def _explains(self, points: NDArray[np.float32], sphere: NDArray[np.float64]) -> bool:
         """Cheap inlier test before refinement: are most points in the outline on the sphere?"""
@@ -206,6 +209,25 @@ def outline_sphere(points: NDArray[np.float64]) -> NDArray[np.float64]:
     sines = np.linalg.norm(np.cross(directions, axis), axis=1)
     sine = _quantile(sines, OUTLINE_QUANTILE)
     return _sphere(axis, sine, _quantile(ranges, NEAREST_QUANTILE))
+
+
+def scanned_motion(
+    points: NDArray[np.float64], times: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Return the sphere (4,) m and the sweep (3,) m of a ball that each reading shows at another
+    time, and the standard deviation of the sweep's components, m.
+
+    The mean of its readings moves as its centre does, but for how a scanner's pattern passes over
+    it meanwhile: by the spread of its readings at most.
+
+    `points` (n, 3) m, of the cluster; `times` (n,) as in `ClusterView.times_of`.
+    """
+    since = times - times.mean()
+    square = max(float(since @ since), np.finfo(float).tiny)
+    sweep = since @ points / square
+    rested = points - np.outer(times, sweep)
+    deviation = float(rested.std(axis=0).max())
+    return outline_sphere(rested), sweep, deviation
 
 
 def inscribed_spheres(

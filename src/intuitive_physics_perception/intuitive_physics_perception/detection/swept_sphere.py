@@ -186,7 +186,8 @@ def _time_and_excess(
 def unswept(points: Any, times: Any, sphere: Any, sweep: Any) -> Any:
     """Return readings (n, 3) where they would be of a ball that rests in the middle of its sweep.
 
-    What is not near the ball along its ray stays where it is.
+    What is not near the ball along its ray stays where it is; a reading of one time goes as far for
+    the eye as it would near the ball: its ray passes the ball as it did then.
 
     `points` (n, 3) m, may hold NaN; `times` (n,) of the readings, NaN where these are of the whole
     exposure; `sphere` (4,) m; `sweep` (3,) m.
@@ -198,8 +199,9 @@ def unswept(points: Any, times: Any, sphere: Any, sweep: Any) -> Any:
         if not distance > 0.0:
             continue
         ux, uy, uz = x / distance, y / distance, z / distance
-        time, excess = times[i], 0.0
-        if isnan(time):
+        time, excess, part = times[i], 0.0, 1.0
+        is_timed = not isnan(time)
+        if not is_timed:
             time, excess = _time_and_excess(ux, uy, uz, sphere, sweep)
         cx, cy, cz = (
             sphere[0] + time * sweep[0],
@@ -208,10 +210,12 @@ def unswept(points: Any, times: Any, sphere: Any, sweep: Any) -> Any:
         )
         ahead = ux * cx + uy * cy + uz * cz - distance
         if abs(ahead) > NEAR_SURFACE * sphere[3]:
-            continue
-        moved[i, 0] = x - time * sweep[0] - excess * ux
-        moved[i, 1] = y - time * sweep[1] - excess * uy
-        moved[i, 2] = z - time * sweep[2] - excess * uz
+            if not is_timed or distance + ahead <= 0.0:
+                continue
+            part = distance / (distance + ahead)
+        moved[i, 0] = x - part * time * sweep[0] - excess * ux
+        moved[i, 1] = y - part * time * sweep[1] - excess * uy
+        moved[i, 2] = z - part * time * sweep[2] - excess * uz
     return moved
 
 

@@ -31,7 +31,7 @@ from intuitive_physics_learner.assessment.motion_laws import (
     jump_violation,
     rest_violation,
 )
-from intuitive_physics_learner.assessment.tracks import tracks_of
+from intuitive_physics_learner.assessment.tracks import track_of
 from intuitive_physics_learner.store.observation_entries import Assessment
 
 NOISE = 0.02
@@ -54,8 +54,7 @@ def observation_of(path, seed=0, shape=None, times=TIMES, noise=NOISE):
 
 def track(path, seed=0, shape=None, noise=NOISE):
     whitening = np.broadcast_to(np.eye(3) / noise, (len(path), 3, 3))
-    (track,) = tracks_of(observation_of(path, seed, shape, noise=noise), [whitening])
-    return track
+    return track_of(observation_of(path, seed, shape, noise=noise), 0, whitening)
 
 
 def flight(height=20.0):

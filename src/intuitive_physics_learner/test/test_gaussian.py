@@ -7,10 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
-from intuitive_physics_learner.joint_estimation.jackknife import jackknife_variances
-from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
-from intuitive_physics_learner.online.encoding import decode_array, encode_array
-from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.joint_estimation.widened_uncertainty import jackknife_variances
+from intuitive_physics_learner.online.encoding import decoded, encoded
+from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
 
 
 def random_precision(generator, size, scale=100.0):
@@ -135,6 +134,6 @@ def test_jackknife_variance_of_a_mean():
 
 @given(arrays(np.float64, st.tuples(st.integers(0, 4), st.integers(0, 4))))
 def test_arrays_survive_to_their_last_bit(array):
-    back = decode_array(encode_array(array))
+    back = decoded(encoded(array), {})
     assert back.shape == array.shape
     assert back.tobytes() == array.tobytes()

@@ -14,7 +14,6 @@ from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, TrajectoryCost, learn
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.point_noise import position_noise
-from intuitive_physics_learner.joint_estimation.half_agreement import agreed_deviations
 from intuitive_physics_learner.joint_estimation.linearisation import separate_groups
 from intuitive_physics_learner.joint_estimation.normal_equations import bounded_step
 from intuitive_physics_learner.joint_estimation.observation_blocks import (
@@ -23,6 +22,7 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     InitialStates,
 )
 from intuitive_physics_learner.joint_estimation.order_of_fits import StagedFit
+from intuitive_physics_learner.joint_estimation.widened_uncertainty import agreed_deviations
 from intuitive_physics_learner.joint_search import JointSearch
 from intuitive_physics_learner.joint_search.identifiability import (
     balanced_half,
@@ -125,14 +125,14 @@ def test_resumes_exactly(event_driven, throws, acceleration, steps):
     whole = joint_search(observed, event_driven)
     for step in range(steps):
         if step == steps - 3:
-            state = json.loads(json.dumps(whole.state_dict(), allow_nan=False))
+            state = json.loads(json.dumps(whole.state(), allow_nan=False))
         whole.step(20)
     assert whole.lowers_cost == (acceleration > 0.0)
     resumed = joint_search(observed, event_driven)
     resumed.load_state(state)
     for _ in range(3):
         resumed.step(20)
-    assert resumed.state_dict() == whole.state_dict()
+    assert resumed.state() == whole.state()
 
 
 def test_lowers_cost_where_the_simulation_lacks_an_effect(event_driven, throws):
@@ -226,7 +226,7 @@ def test_judges_in_little_time_where_little_is_left(event_driven, throws):
 
     def judged(seconds_left):
         before = cost.trials
-        fit.choose()
+        fit.jointly.choose()
         stated = identifiability_by_fit(fit, task, seconds_left)
         return stated, cost.trials - before
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
-from intuitive_physics_learner.joint_estimation.widened_information import (
+from intuitive_physics_learner.joint_estimation.widened_uncertainty import (
     information_about,
     widened_information,
 )

@@ -26,15 +26,10 @@ EXECUTION_ERROR = 0.05
 """Standard deviation by which a throw misses what was suggested, a part of the width of each range:
 a suggestion must not depend on a perfect throw; set by hand."""
 
-REFINEMENTS = (0.15, 0.05)
-"""Standard deviations, parts of the ranges' widths, by which throws that are compared next differ
-from the best so far, round after round; set by hand."""
-
-REFINED = 6
-"""Best throws that are refined, as many as are suggested at least; set by hand."""
-
-NEIGHBOURS = 8
-"""Throws near each of them in each round of refinement; set by hand."""
+REFINED, NEIGHBOURS, REFINEMENTS = 6, 8, (0.15, 0.05)
+"""Best throws that are refined, as many as are suggested at least; throws near each of them that
+are compared next; and standard deviations, parts of the ranges' widths, by which these differ from
+them, round after round; set by hand."""
 
 
 @dataclass(frozen=True, eq=False)

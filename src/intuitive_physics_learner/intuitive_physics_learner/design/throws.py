@@ -344,10 +344,7 @@ class Throw:
 
     @property
     def widths(self) -> NDArray[np.float64]:
-        """Widths of the ranges of each object, (n_objects, 12), in the order of the state's errors.
-
-        Zero for orientations, which are not thrown for.
-        """
+        """Widths of the ranges, (n_objects, 12) as errors of a state; zero for orientations."""
         widths = np.zeros((len(self.cast), ERROR_SIZE))
         for row, thrown in zip(widths, self.cast, strict=True):
             row[[0, 1, 2, 6, 7, 8, 9, 10, 11]] = thrown.ranges.widths

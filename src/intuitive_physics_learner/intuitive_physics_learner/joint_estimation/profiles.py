@@ -18,25 +18,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.parameter_posterior import LARGEST_DEVIATION
+from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.normal_equations import reduced_equations
 from intuitive_physics_learner.joint_estimation.scans import scanned
 from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.search.search_space import ActiveSpace
 
 CURVATURE_WIDENING = 3.0
 """Factor on the steps of the finite differences from which the posterior is computed; set by
 hand."""
 
-MOVE_ROUNDS = 8
-"""Rounds of moving a parameter outwards from the estimate, and of bisecting the end, at most; set
-by hand."""
-
-MOVE_TOLERANCE = 0.02
-"""Part of a move by which its end may be farther than it was followed; set by hand."""
-
-MOVE_GROWTH = 3.0
-"""Factor on the distance from one round outwards to the next; set by hand."""
+MOVE_ROUNDS, MOVE_GROWTH, MOVE_TOLERANCE = 8, 3.0, 0.02
+"""Rounds at most of moving a parameter outwards from the estimate and of bisecting the end, factor
+on the distance from one to the next, and part of a move by which its end may be farther than it was
+followed; set by hand."""
 
 USUAL_ROUNDS = 2
 """Rounds that are usually made: most often no parameter is bound to one side only."""
@@ -129,10 +126,7 @@ def _plausible_plateaus(
     inner: NDArray[np.float64],
     first: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Sides (n, 2) that end in a plateau with a plausible loss, all else fitted to it there.
-
-    `inner` (n, 2) widths, the largest moves that were plausible; `first` (n,) as `plausible_moves`.
-    """
+    """Sides (n, 2) that end in a plateau with a plausible loss, all else fitted to it there."""
     to_bounds = np.stack([-fit.unit, 1.0 - fit.unit], axis=1)
     sides = np.argwhere(_plateaus(fit, linear, inner, first))
     rises = np.full(to_bounds.shape, np.inf)
@@ -149,7 +143,7 @@ def _plateaus(
     inner: NDArray[np.float64],
     first: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Sides (n, 2) on which motion is the same at the bound as half-way there, but not plausible.
+    """Sides (n, 2) on which motion is the same at the bound as half-way there.
 
     `inner` (n, 2) widths, the largest moves that were plausible; `first` (n,) as `plausible_moves`.
     """
@@ -213,3 +207,33 @@ def mean_square_moves(free: NDArray[np.float64], ends: NDArray[np.float64]) -> N
     """
     down, up = np.maximum(free, UNIFORM * ends[:, None]).T
     return np.where(free.any(axis=1), (down**2 - down * up + up**2) / 3.0, ends**2)
+
+
+def interval_ends(
+    unit: NDArray[np.float64],
+    free: NDArray[np.float64],
+    widths: NDArray[np.float64],
+    one_sided: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """Ends (n, 2) on the unit cube of one-sided intervals; NaN for parameters without one.
+
+    `unit` (n,) the estimate; `free` (n, 2) widths, how far it can be moved down and up; `widths`
+    (n,) standard deviations; `one_sided` (n,) bool.
+    """
+    moves = np.maximum(free, UNIFORM * widths[:, None]) * (-1.0, 1.0)
+    return np.where(one_sided[:, None], np.clip(unit[:, None] + moves, 0.0, 1.0), np.nan)
+
+
+def ends_in_si_units(
+    space: ParameterSpace | ActiveSpace,
+    unit: NDArray[np.float64],
+    ends: NDArray[np.float64],
+    places: NDArray[np.int64],
+) -> NDArray[np.float64]:
+    """Return `ends` (n, 2) at `unit` (n,) in SI units; `places` (n,) of each parameter in θ_s."""
+    intervals = np.full_like(ends, np.nan)
+    for axis, side in np.argwhere(~np.isnan(ends)):
+        moved = unit.copy()
+        moved[axis] = ends[axis, side]
+        intervals[axis, side] = parameter_vector(space.to_parameters(moved))[places[axis]]
+    return intervals

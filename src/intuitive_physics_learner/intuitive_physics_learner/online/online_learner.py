@@ -230,7 +230,7 @@ class OnlineLearner:
         state.unit = np.clip(state.prior.mean, 0.0, 1.0)
         fits.fit_window(self._observations, length)
         # Observations that agree on a change have compared it with what is published.
-        state.win_trial(length)
+        state.begin_trial(length)
         return assessments
 
     def _read_doubtful(self) -> None:

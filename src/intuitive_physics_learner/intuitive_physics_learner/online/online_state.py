@@ -33,9 +33,8 @@ from intuitive_physics.prior_knowledge.spin_evidence import (
 )
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, ObservationFit
-from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
 from intuitive_physics_learner.online.encoding import decoded, encoded
-from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
 FORMAT = "intuitive_physics/online_state/6"
@@ -118,10 +117,7 @@ class Refitted:
     deviations: NDArray[np.float64]
 
     def among(self, places: NDArray[np.int64], size: int) -> Refitted:
-        """Return the same among more parameters, of which nothing is known.
-
-        `places` (n,) indices of these n parameters among all.
-        """
+        """Return the same among more, of which nothing is known; `places` (n,) among all `size`."""
         unit, deviations = np.zeros(size), np.full(size, UNIFORM_PRECISION**-0.5)
         unit[places], deviations[places] = self.unit, self.deviations
         return Refitted(self.used, unit, deviations)
@@ -245,13 +241,9 @@ class OnlineState:
             self.ground = self.ground.without(parameters).joined(self.given().part(parameters))
         self.retired = self.retired.without(parameters).joined(self.ground.part(parameters))
 
-    def begin_trial(self) -> None:
-        """Let what is known now stand against what is published."""
-        self.challenger, self.score, self.compared = self.posterior, 0.0, 0
-
-    def win_trial(self, count: int) -> None:
-        """Let what is known now have won, by `count` observations that were compared already."""
-        self.challenger, self.score, self.compared = self.posterior, count * LARGEST_VOTE, count
+    def begin_trial(self, won: int = 0) -> None:
+        """Let what is known now stand against what is published, `won` observations ahead."""
+        self.challenger, self.score, self.compared = self.posterior, won * LARGEST_VOTE, won
 
     def end_trial(self) -> None:
         """Let nothing stand against what is published."""

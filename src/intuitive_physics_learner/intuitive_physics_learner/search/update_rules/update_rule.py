@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from copy import copy
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.validation import finite_array, positive_float
+from intuitive_physics_learner.search.plain_state import restore, state_of
 
 
 class UpdateRule(ABC):
@@ -184,12 +184,11 @@ class UpdateRule(ABC):
 
     def own_state(self) -> dict[str, Any]:
         """Return the part of the state that belongs to this rule, as plain data."""
-        return {name.lstrip("_"): copy(getattr(self, name)) for name in self.remembered}
+        return state_of(self, self.remembered)
 
     def load_own_state(self, state: dict[str, Any]) -> None:
         """Read what `own_state` returned."""
-        for name in self.remembered:
-            setattr(self, name, copy(state[name.lstrip("_")]))
+        restore(self, self.remembered, state)
 
 
 def _unit_point(value: ArrayLike, size: int) -> NDArray[np.float64]:

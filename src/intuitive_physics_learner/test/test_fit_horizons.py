@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import TrajectoryCost
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings, fit_horizons
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
@@ -24,6 +23,8 @@ from intuitive_physics_learner.joint_estimation.fit_horizons import (
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
+
+from .cases import rerouted
 
 SETTINGS = JointEstimationSettings()
 ADVANCE = SETTINGS.largest_advance
@@ -173,10 +174,8 @@ def test_a_horizon_that_retreats_twice_and_gets_no_farther_stays(block):
 def test_a_fit_settles_where_one_motion_cannot_be_explained_to_its_end(gliding_task, glide):
     task = gliding_task([0.6] * 4, position_deviation=0.02, noise=0.002, count=60)
     *others, last = task.cost.observations
-    (ball,) = last.objects
-    times, positions = ball.trajectory.times, ball.trajectory.positions.copy()
-    positions[:, 1] += np.maximum(times - 1.2, 0.0)
-    kicked = replace(last, objects=(replace(ball, trajectory=Trajectory(times, positions)),))
+    kick = [0.0, 1.0, 0.0]
+    kicked = rerouted(last, lambda t, path: path + np.maximum(t - 1.2, 0.0)[:, None] * kick)
     task = replace(task, cost=TrajectoryCost([*others, kicked], glide))
     fit = JointFit(task.fit_task, SETTINGS)
     for _ in range(60):

@@ -8,11 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from intuitive_physics.materials import StaticParameters, parameter_names
-from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
+from intuitive_physics.materials import parameter_names
+from intuitive_physics.parameter_space import parameter_vector
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, TrajectoryCost, learn
-from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.point_noise import position_noise
 from intuitive_physics_learner.joint_estimation.linearisation import separate_groups
 from intuitive_physics_learner.joint_estimation.normal_equations import bounded_step
@@ -30,17 +29,11 @@ from intuitive_physics_learner.joint_search.identifiability import (
 )
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.search.gaussian import Gaussian
-from intuitive_physics_learner.search.learning_task import LearningTask
 
-MATERIALS = ("ball", "floor")
+from .cases import MATERIALS, task_of
+
 NOISE, STATE_NOISE = 0.005, 0.02
 """m, and m of initial states, whose velocities err by five times that in m/s."""
-
-
-def task_of(cost):
-    influence = parameter_influence(cost.observations, cost.materials)
-    space, start = ParameterSpace(cost.materials), StaticParameters.uniform(cost.materials)
-    return LearningTask(cost, space, influence, start)
 
 
 def joint_search(observed, simulator):

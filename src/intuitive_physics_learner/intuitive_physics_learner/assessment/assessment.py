@@ -69,17 +69,10 @@ MIXTURE_STEPS = 100
 def assess_observations(
     observations: Sequence[Observation], trusted: Collection[str] = ()
 ) -> tuple[list[Observation], list[Assessment]]:
-    """Test laws of motion on each observation.
+    """Test laws of motion on each observation, which has detections if it was smoothed.
 
-    Parameters
-    ----------
-    observations : with detections where they were smoothed
-    trusted : ids of those that a user holds for good: they are assessed, but never doubtful
-
-    Returns
-    -------
-    clean : the observations, those that are doubtful up to where they were disturbed
-    assessments : of each, in the same order
+    Those whose ids are `trusted` by a user are assessed, but never doubtful. Returns the
+    observations, doubtful ones up to where they were disturbed, and the assessment of each.
     """
     all_violations = violations_of(observations)
     assessments = assessed_by_laws(

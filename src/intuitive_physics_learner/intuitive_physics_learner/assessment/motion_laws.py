@@ -52,13 +52,11 @@ LARGEST_BEND = 3.0
 
 
 def flight_violation(track: Track) -> Violation | None:
-    """Fit free flights to windows of points between which nothing can be touched.
+    """Fit free flights to windows of points between which nothing can be touched, if there are any.
 
     The acceleration is gravity plus an unknown one, normal about 0. What is left must be noise, and
     an impulse in the middle must not explain more of it than of noise. One point of each window
     does not count, the one that fits worst, so that an outlier alone violates nothing.
-
-    Returns None where there is no such window.
     """
     free = free_intervals(track)
     begins, ends, log_ps = [], [], []

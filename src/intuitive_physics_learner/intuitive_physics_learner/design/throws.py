@@ -154,16 +154,8 @@ class ViewingConditions:
     def with_starts(self, options: ThrowOptions) -> ViewingConditions:
         """Return the same with all in view from where objects may be thrown."""
         starts = [thrown.ranges.position for cast in options.casts for thrown in cast]
-        return replace(
-            self,
-            region=np.stack(
-                [
-                    np.min([self.region[:, 0], *(each[:, 0] for each in starts)], axis=0),
-                    np.max([self.region[:, 1], *(each[:, 1] for each in starts)], axis=0),
-                ],
-                axis=1,
-            ),
-        )
+        low, high = np.moveaxis(np.array([self.region, *starts]), 2, 0)
+        return replace(self, region=np.stack([low.min(axis=0), high.max(axis=0)], axis=1))
 
     def observation(self, scene: Scene) -> Observation:
         """Return an observation of a throw with its detections still to be simulated, all zero."""

@@ -126,12 +126,10 @@ class TrajectoryFits(Resumable):
         residuals: NDArray[np.float64],
         goals: NDArray[np.float64],
     ) -> bool:
-        """Move horizons to their goals; where there is a misfit, to before it.
+        """Move horizons to `goals` (W,) s, or before a misfit in `residuals` (W, P, 3) m.
 
-        One that has retreated `MOST_RETREATS` times and got no farther stays.
-
-        `residuals` (W, P, 3) m, of the present estimate; `goals` (W,) s, to which horizons may
-        advance. Returns whether any horizon got farther than before.
+        One that has retreated `MOST_RETREATS` times and got no farther stays. Returns whether any
+        horizon got farther than before.
         """
         starts = self.note_misfits(block, residuals)
         self.retreats[self.misfits] += 1
@@ -177,11 +175,8 @@ def advanced_horizons(
 ) -> NDArray[np.float64]:
     """Include points, in the order of time, up to the first one that cannot be predicted.
 
-    A point can be predicted where both the standard deviation of its predicted position and the
-    linearisation error there are small enough.
-
-    `spreads` (W, P) m, standard deviation of the predicted positions; `horizons` (W,) s, the
-    present ones. Returns (W,) s, never below the present horizons.
+    `spreads` (W, P) m, standard deviation of the predicted positions, which must be small, as must
+    linearisation errors; `horizons` (W,) s, the present ones. Returns (W,) s, never below these.
     """
     allowed = LARGEST_BEND * block.noise + LARGEST_BEND_SHARE * spreads
     straight = linear.bends <= allowed

@@ -253,13 +253,11 @@ class JointFit(Resumable):
                     part.horizons[k] = fit.horizon
 
     def return_if_better(self, unit: NDArray[np.float64]) -> bool:
-        """Go back to a θ_s where trajectories fit better from it, up to the present horizons.
+        """Go back to `unit` (n,) where trajectories fit better from it, up to the present horizons.
 
         Both θ_s are held while initial states are fitted, from those found here and from those
-        observed. The gain of a single observation counts up to `largest_vote`, so that no single
-        fit that took a wrong turn decides.
-
-        `unit` (n,) θ_s on the unit cube. Returns whether it was better.
+        observed. The gain of a single observation counts up to `LARGEST_VOTE`, so that no single
+        fit that took a wrong turn decides. Returns whether it was better.
         """
         here, fits = self._held(self.unit, self.observation_fits())
         nothing = [replace(fit, estimate=0.0 * fit.estimate) for fit in fits]
@@ -275,13 +273,11 @@ class JointFit(Resumable):
         return True
 
     def rises_at(self, moves: Sequence[tuple[int, float]]) -> list[float]:
-        """Return by how much the loss rises where one parameter is held elsewhere, for each move.
+        """Return by how much the loss rises where one parameter is held at a place, for each move.
 
         Observations that depend on it are fitted to it, with all other parameters, by slopes there,
         up to the present horizons and with the present weights. What the others say of these
         parameters stays as it is by the slopes at the estimate.
-
-        `moves` : index of the parameter among all n, and its place on the unit interval.
         """
         likelihoods = self.likelihoods()
         return [self._rise_at(*move, likelihoods) for move in moves]

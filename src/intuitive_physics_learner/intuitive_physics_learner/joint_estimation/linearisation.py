@@ -106,10 +106,8 @@ def separate_groups(influence: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     """Part parameters into groups of which no two members influence the same observation.
 
     One simulation of all observations moves all members of a group at once. Greedy, those first
-    that influence most observations.
-
-    `influence` (n_observations, n_parameters) bool. Returns arrays (n_members,) of indices of
-    parameters; those that influence nothing are in none.
+    that influence most observations, by `influence` (n_observations, n_parameters) bool. Returns
+    arrays (n_members,) of indices; parameters that influence nothing are in none.
     """
     taken: list[NDArray[np.bool_]] = []
     groups: list[list[int]] = []

@@ -104,9 +104,7 @@ class NormalEquations:
         return NormalEquations(block.members, block.parameters, d, hessian, gradient)
 
     def with_common(self, index: NDArray[np.int64], first: int) -> NormalEquations:
-        """Return the equations with shared errors as parameters that observations have in common.
-
-        Their prior is left out: it holds once for all observations.
+        """Return the equations with shared errors, whose prior is left out, as common parameters.
 
         `index` (W, b) index of each observation's shared errors, the last nuisance parameters.
         """

@@ -126,26 +126,10 @@ def _plausible_plateaus(
     inner: NDArray[np.float64],
     first: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Sides (n, 2) that end in a plateau with a plausible loss, all else fitted to it there."""
-    to_bounds = np.stack([-fit.unit, 1.0 - fit.unit], axis=1)
-    sides = np.argwhere(_plateaus(fit, linear, inner, first))
-    rises = np.full(to_bounds.shape, np.inf)
-    if len(sides):
-        moves = [(int(k), float(fit.unit[k] + to_bounds[k, side])) for k, side in sides]
-        rises[tuple(sides.T)] = fit.rises_at(moves)
-    rises -= Gaussian.within_bounds(fit.prior.mean).rises(fit.unit, to_bounds)
-    return np.asarray(rises < LARGEST_MOVE_RISE)
+    """Sides (n, 2) that end in a plateau with a plausible loss, all else fitted to it there.
 
-
-def _plateaus(
-    fit: JointFit,
-    linear: Sequence[Linearisation],
-    inner: NDArray[np.float64],
-    first: NDArray[np.float64],
-) -> NDArray[np.bool_]:
-    """Sides (n, 2) on which motion is the same at the bound as half-way there.
-
-    `inner` (n, 2) widths, the largest moves that were plausible; `first` (n,) as `plausible_moves`.
+    On a plateau motion is the same at the bound as half-way there. `inner` (n, 2) widths, the
+    largest moves that were plausible; `first` (n,) as `plausible_moves`.
     """
     unit, sides = fit.unit, np.array([-1.0, 1.0])
     room = np.stack([unit, 1.0 - unit], axis=1)
@@ -155,12 +139,17 @@ def _plateaus(
         return left
     away = np.hstack([sides * room, sides * 0.5 * (inner + room)])
     places = unit[:, None] + away
-    rises, _ = scanned(
+    changes, _ = scanned(
         fit.model, fit.estimate, linear, places, fit.weights, asked, present_too=True
     )
-    rises -= fit.prior.rises(unit, away)
-    alike = np.abs(rises[:, :2] - rises[:, 2:]) < LARGEST_PLATEAU_RISE
-    return np.asarray(left & alike)
+    changes -= fit.prior.rises(unit, away)
+    alike = np.abs(changes[:, :2] - changes[:, 2:]) < LARGEST_PLATEAU_RISE
+    found = np.argwhere(left & alike)
+    rises = np.full(room.shape, np.inf)
+    if len(found):
+        rises[tuple(found.T)] = fit.rises_at([(int(k), float(places[k, s])) for k, s in found])
+    rises -= Gaussian.within_bounds(fit.prior.mean).rises(unit, away[:, :2])
+    return np.asarray(rises < LARGEST_MOVE_RISE)
 
 
 def curvature_simulations(fit: JointFit) -> float:

@@ -163,11 +163,10 @@ def compatible_moves(
     influence: NDArray[np.bool_],
     least_gain: float = SMALLEST_SCAN_GAIN,
 ) -> list[int]:
-    """Choose parameters to move, the most gainful first, no two of which share an observation.
+    """Choose parameters by index, the most gainful first, no two of which share an observation.
 
     `gains` (n,) by which moving each alone lowers the loss, in the unit of the loss; `influence`
-    (n_observations, n) bool, which observation can depend on which parameter. Returns indices of
-    parameters.
+    (n_observations, n) bool, which observation can depend on which parameter.
     """
     chosen: list[int] = []
     occupied = np.zeros(len(influence), dtype=bool)
@@ -183,12 +182,10 @@ def compatible_moves(
 def other_spins(
     model: TrajectoryModel, estimate: Estimate
 ) -> dict[int, tuple[NDArray[np.float64], float]]:
-    """Find spins that explain more of what comes beyond the horizons than those of an estimate.
+    """Find spins that explain more beyond the horizons, as deviations (d,) from observed states.
 
-    Returns
-    -------
-    By observation, where there are any, deviations (d,) from its observed initial states, and the
-    time in s where the next misfit of the given fit would show, up to which they explain more.
+    By observation, where there are any, with the time in s up to which they explain more: where the
+    next misfit of the given fit would show.
     """
     parameters = model.space.to_parameters(estimate.unit)
     others = {}

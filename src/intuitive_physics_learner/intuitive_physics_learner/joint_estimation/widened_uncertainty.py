@@ -50,17 +50,10 @@ def agreed_deviations(
 ) -> NDArray[np.float64]:
     """Standard deviations (n,), in widths, with which part of the observations agrees.
 
-    Parameters
-    ----------
-    unit : (n,) the estimate from all observations, on the unit cube
-    deviations : (n,) widths, standard deviation of each parameter
-    part : what part of the observations says
-    families : (n_members,) each, indices of parameters that are likely to err alike, each parameter
-        in one
-    free : (n, 2) widths, how far parameters that are bound to one side only can be moved down and
-        up, 0 for others; None: all are bound to both
-    share : of all observations that the part has
-    balanced : whether it has as large a share of those that depend on each parameter
+    `unit` (n,) and `deviations` (n,) widths are of all; `families` (n_members,) each, indices of
+    parameters that are likely to err alike, each in one; `free` (n, 2) widths, how far one-sided
+    ones can be moved down and up, 0 for others; None: there are none. `balanced`: whether the part
+    has as large a share of the observations that depend on each parameter as of all.
     """
     free = np.zeros((unit.size, 2)) if free is None else free
     apart = np.abs(part.mean - np.clip(part.mean, unit - free[:, 0], unit + free[:, 1]))
@@ -101,11 +94,8 @@ def jackknife_variances(
 ) -> NDArray[np.float64]:
     """Variances (n,), widths², of the mean by how it moves without each of some observations.
 
-    With N observations of a parameter, (N - 1) / N Σ (m_without - m)²; 0 for parameters that fewer
-    than two of them depend on.
-
-    `centre` (n,) mean where nothing is known; `weights` (n_observations,) with which `information`
-    has them.
+    With N observations of a parameter, (N - 1) / N Σ (m_without - m)²; 0 where N < 2. `centre` (n,)
+    mean where nothing is known; `weights` (n_observations,) with which `information` has them.
     """
     prior = information.bounded(centre)
     squares, counts = np.zeros(centre.size), np.zeros(centre.size)
@@ -153,13 +143,11 @@ def widened_information(
 def information_about(
     information: NDArray[np.float64], apart: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the information about a point beside the mean, by the mean square distance from it.
-
-    With the covariance C that is C + d dᵀ, whose inverse follows from that of C by the formula of
-    Sherman and Morrison.
+    """Return information (n, n) per width² about a point by the mean square distance from it.
 
     `information` (n, n) per width², without that of the bounds; `apart` (n,) d, widths, the point
-    less the mean. Returns (n, n) per width².
+    less the mean. With the covariance C it is that of C + d dᵀ, by the formula of Sherman and
+    Morrison.
     """
     pull = (information + UNIFORM_PRECISION * np.eye(apart.size)) @ apart
     return np.asarray(information - np.outer(pull, pull) / (1.0 + apart @ pull))

@@ -31,7 +31,6 @@ from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.publication import FEWEST_COMPARED, has_moved_far
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask
-from intuitive_physics_learner.search.search_space import ActiveSpace
 
 WINDOW_STEPS, REFIT_STEPS, CONTINUED_STEPS = 8, 60, 20
 """Joint steps at most of the window after new observations; of a fit to all that are kept from what
@@ -185,17 +184,12 @@ class JointFits:
     ) -> JointProblem:
         """Return the fit of some members, to what is known without them."""
         state = self.state
-        observed = [observations[member.id] for member in members]
-        influence = state.influence(observed)
-        active: NDArray[np.bool_] = np.asarray(influence.any(axis=0))
-        parameters = np.flatnonzero(active)
-        prior = known.bounded(state.centre)
-        points = [detected(each) for each in observed]
+        points = [detected(observations[member.id]) for member in members]
         cost = TrajectoryCost(points, self.simulator, state.materials)
-        space = ActiveSpace(state.space, active, state.parameters)
         tau = self.options.time_constant
         ages = np.array([age_weight(state, member, tau) for member in members])
-        task = FitTask(cost, space, influence[:, active], prior.marginal(parameters), ages)
+        prior = known.bounded(state.centre)
+        parameters, task = state.fit_task(cost, prior, ages)
         return JointProblem(state, members, parameters, prior, task)
 
     def _forget_what_disagrees(self) -> None:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.joint_fit import (
     JointEstimationSettings,
@@ -15,8 +13,6 @@ from intuitive_physics_learner.joint_estimation.joint_fit import (
 from intuitive_physics_learner.joint_estimation.order_of_fits import log_evidences
 from intuitive_physics_learner.online.online_state import Member, OnlineState, Signs
 from intuitive_physics_learner.search.gaussian import Gaussian
-from intuitive_physics_learner.search.learning_task import FitTask
-from intuitive_physics_learner.search.search_space import ActiveSpace
 
 LONE_STEPS, RETRY_STEPS = 24, 60
 """Joint steps at most of a fit to one observation, with `LARGEST_ADVANCE` enough for 10 s of
@@ -51,14 +47,7 @@ class LoneFit:
         careful: bool = False,
     ) -> None:
         (self.observation,) = cost.observations
-        (influence,) = state.influence(cost.observations)
-        self._parameters = np.flatnonzero(influence)
-        self._task = FitTask(
-            cost,
-            ActiveSpace(state.space, influence, state.parameters),
-            np.ones((1, self._parameters.size), dtype=bool),
-            prior.marginal(self._parameters),
-        )
+        self._parameters, self._task = state.fit_task(cost, prior)
         settings = JointEstimationSettings(scan_steps=scans)
         if not careful:
             settings = replace(settings, largest_advance=LARGEST_ADVANCE)

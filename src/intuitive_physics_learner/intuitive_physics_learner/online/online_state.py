@@ -31,10 +31,12 @@ from intuitive_physics.prior_knowledge.spin_evidence import (
     SpinEvidence,
     SpinLikelihood,
 )
+from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, ObservationFit
 from intuitive_physics_learner.online.encoding import decoded, encoded
 from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
+from intuitive_physics_learner.search.learning_task import FitTask
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
 FORMAT = "intuitive_physics/online_state/6"
@@ -268,6 +270,21 @@ class OnlineState:
     def influence(self, observations: Sequence[Observation]) -> NDArray[np.bool_]:
         """Which observation depends on which parameter that is not held, (n_observations, n)."""
         return np.asarray(parameter_influence(observations, self.materials) & ~self.held)
+
+    def fit_task(
+        self, cost: Cost, known: Gaussian, weights: NDArray[np.float64] | None = None
+    ) -> tuple[NDArray[np.int64], FitTask]:
+        """Return the fit to the observations of a cost, by what is known of all n parameters.
+
+        `weights` (n_observations,) with which each counts; None: 1. Returns the indices (k,) of the
+        parameters that any of them depends on, and the fit over these.
+        """
+        influence = self.influence(cost.observations)
+        active: NDArray[np.bool_] = np.asarray(influence.any(axis=0))
+        parameters = np.flatnonzero(active)
+        space = ActiveSpace(self.space, active, self.parameters)
+        prior = known.marginal(parameters)
+        return parameters, FitTask(cost, space, influence[:, active], prior, weights)
 
     @property
     def space(self) -> ParameterSpace:

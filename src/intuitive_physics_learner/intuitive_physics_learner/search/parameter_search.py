@@ -65,11 +65,9 @@ class Search(Resumable, ABC):
 
     @abstractmethod
     def keep_start(self, task: LearningTask) -> bool:
-        """Go back to the task's start where that explains the observations better.
+        """Go back to the task's start where it explains the observations better; return whether.
 
         A search that is stopped early must not replace a θ_s by a worse one.
-
-        Returns whether the start is better than what was found.
         """
 
     def plan(self, criteria: ConvergenceCriteria) -> None:
@@ -100,14 +98,9 @@ class Search(Resumable, ABC):
         """Step until a criterion is met or `cancelled` returns True; at least one step.
 
         Iterations of a state that was loaded count, seconds do not; where it has met a criterion no
-        step is taken.
-
-        Parameters
-        ----------
-        on_checkpoint : called with the `state` at most every `CHECKPOINT_PERIOD`, and at the
-            end
-        reserve : given the s that the search has taken, returns the s of the time limit to leave
-            for what comes after it
+        step is taken. `on_checkpoint` gets the `state` at most every `CHECKPOINT_PERIOD`, and at
+        the end; `reserve` returns the s of the time limit to leave for what comes after a search of
+        some s.
         """
         began = saved = time.monotonic()
         reason = self._stop_reason(criteria, 0.0, False, None) if self.iterations else None

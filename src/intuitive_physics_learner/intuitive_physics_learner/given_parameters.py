@@ -47,9 +47,7 @@ LARGEST_DIFFERENCE = 1e-6
 
 
 def check_within_bounds(
-    parameters: StaticParameters,
-    chosen: NDArray[np.bool_],
-    bounds: Mapping[str, Bounds] | None,
+    parameters: StaticParameters, chosen: NDArray[np.bool_], bounds: Mapping[str, Bounds] | None
 ) -> None:
     """Make sure that the values that are `chosen` (|θ_s|,) bool lie within the bounds."""
     limits = {**DEFAULT_BOUNDS, **(bounds or {})}

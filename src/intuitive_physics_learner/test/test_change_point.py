@@ -2,10 +2,7 @@
 
 import numpy as np
 
-from intuitive_physics_learner.online.change_point import (
-    change_probability,
-    find_change,
-)
+from intuitive_physics_learner.online.change_point import change_probability, find_change
 from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
 
 SIZE = 6

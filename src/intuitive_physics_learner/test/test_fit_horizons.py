@@ -201,15 +201,6 @@ def test_losses_are_hubers_and_the_priors(block):
     assert failed == pytest.approx(2.0 + 3.0 * (FAILED_LENGTH - 1.5))
 
 
-def test_fits_continue_from_their_state(block):
-    fits, other = (TrajectoryFits.initial(block) for _ in range(2))
-    fits.estimate += 0.125
-    fits.misfits[1] = True
-    other.load_state(fits.state())
-    assert other.state() == fits.state()
-    assert other.misfits.dtype == fits.misfits.dtype
-
-
 def test_joint_fit_reaches_the_end_of_predictable_motion(gliding_task):
     task = gliding_task([0.6, 0.6, 0.6], position_deviation=0.02, count=60)
     fit = JointFit(task.fit_task, SETTINGS)

@@ -21,14 +21,12 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     InitialStates,
 )
 from intuitive_physics_learner.joint_estimation.order_of_fits import StagedFit
-from intuitive_physics_learner.joint_estimation.widened_uncertainty import agreed_deviations
 from intuitive_physics_learner.joint_search import JointSearch
 from intuitive_physics_learner.joint_search.identifiability import (
     balanced_half,
     identifiability_by_fit,
 )
 from intuitive_physics_learner.methods import JOINT_METHOD
-from intuitive_physics_learner.search.gaussian import Gaussian
 
 from .cases import MATERIALS, task_of
 
@@ -230,56 +228,3 @@ def test_judges_in_little_time_where_little_is_left(event_driven, throws):
     sure = in_haste.identified
     assert (at_leisure.identified | ~sure).all()
     assert (in_haste.standard_deviations >= 0.5 * at_leisure.standard_deviations)[sure].all()
-
-
-FAMILIES = [np.array([0, 1]), np.array([2, 3])]
-
-
-def half(unit, deviation=0.01):
-    return Gaussian.about(np.array(unit), np.eye(4) * deviation**-2)
-
-
-def test_a_half_that_agrees_widens_nothing_and_another_does():
-    # Half of the data says 0.01, so all data say 0.01 / √2.
-    unit, deviations = np.full(4, 0.5), np.full(4, 0.01 / np.sqrt(2.0))
-    agreed = agreed_deviations(unit, deviations, half([0.503, 0.497, 0.502, 0.501]), FAMILIES)
-    np.testing.assert_allclose(agreed, deviations)
-    agreed = agreed_deviations(unit, deviations, half([0.7, 0.5, 0.502, 0.501]), FAMILIES)
-    # 0.2 off itself; what is of the same family is doubted too.
-    assert agreed[0] == pytest.approx(0.2)
-    assert agreed[1] > agreed[2] >= deviations[2]
-
-
-def test_no_sharper_than_two_halves_together():
-    """Information adds up: 1/σ² = 2/σ_a²; where the half knows nothing that of its bounds."""
-    unit, deviations = np.full(4, 0.5), np.full(4, 0.001)
-    agreed = agreed_deviations(unit, deviations, half(unit), FAMILIES)
-    np.testing.assert_allclose(agreed, 0.01 / np.sqrt(2.0))
-    ignorant = half([0.1, 0.9, 0.5, 0.5], 12.0**-0.5)
-    agreed = agreed_deviations(unit, deviations, ignorant, FAMILIES)
-    np.testing.assert_allclose(agreed, 24.0**-0.5)
-
-
-def test_a_smaller_part_is_expected_farther_away():
-    # u is the mean of the part's h and what the rest says: a - u has the variance (1 - h) σ_a².
-    unit, deviations = np.full(4, 0.5), np.full(4, 0.005)
-    for share, chance in ((0.25, True), (0.9, False)):
-        off = half(unit + 2.0 * np.sqrt(1.0 - 0.25) * 0.0099)
-        agreed = agreed_deviations(unit, deviations, off, FAMILIES, share=share, balanced=False)
-        assert bool((agreed < np.abs(off.mean - unit)).all()) == chance
-
-
-def test_a_part_with_other_observations_bounds_nothing():
-    # Where what came later says more, it is known better than by parts like the first.
-    unit, deviations = np.full(4, 0.5), np.full(4, 0.001)
-    agreed = agreed_deviations(unit, deviations, half(unit), FAMILIES, balanced=False)
-    np.testing.assert_allclose(agreed, deviations)
-
-
-@settings(max_examples=50)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_agreed_deviations_are_never_smaller(seed):
-    rng = np.random.default_rng(seed)
-    unit, deviations = rng.random(4), rng.uniform(1e-4, 0.28, 4)
-    said = half(rng.random(4), rng.uniform(1e-4, 0.28))
-    assert (agreed_deviations(unit, deviations, said, FAMILIES) >= deviations).all()

@@ -321,10 +321,7 @@ def test_full_disk_loses_nothing_that_was_stored(path, observation, tmp_path):
     ("place", "message"),
     [
         ("file/learner.sqlite3", "cannot make the folder"),
-        (
-            "/nowhere-at-all/robots/learner.sqlite3",
-            "there is no folder /nowhere-at-all, so none",
-        ),
+        ("/nowhere-at-all/robots/learner.sqlite3", "there is no folder /nowhere-at-all, so none"),
         ("", "cannot open"),
     ],
 )

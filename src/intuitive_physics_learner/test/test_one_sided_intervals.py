@@ -8,12 +8,7 @@ from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_learner import (
-    ConvergenceCriteria,
-    LearningOptions,
-    TrajectoryCost,
-    learn,
-)
+from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, TrajectoryCost, learn
 from intuitive_physics_learner.joint_search.identifiability import identifiability_of_optimum
 from intuitive_physics_learner.methods import JOINT_METHOD
 

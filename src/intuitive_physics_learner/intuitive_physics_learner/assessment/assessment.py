@@ -105,10 +105,7 @@ def violations_of(observations: Sequence[Observation]) -> list[list[Violation]]:
 
 
 def assessed_by_laws(
-    ids: Sequence[str],
-    log_ps: Sequence[float],
-    reasons: Sequence[str],
-    trusted: Collection[str],
+    ids: Sequence[str], log_ps: Sequence[float], reasons: Sequence[str], trusted: Collection[str]
 ) -> list[Assessment]:
     """Assess observations by the p value of each, with the reason if it is doubtful."""
     weights = good_probabilities(np.array(log_ps)).tolist()

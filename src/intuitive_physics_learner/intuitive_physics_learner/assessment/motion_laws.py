@@ -79,7 +79,7 @@ def flight_violation(track: Track) -> Violation | None:
         ends.append(track.times[starts + count - 1])
     if not log_ps:
         return None
-    return violations_of(
+    return worst_violation(
         np.concatenate(log_ps), np.concatenate(begins), np.concatenate(ends), Reason.NOT_FREE
     )
 
@@ -162,7 +162,7 @@ def jump_violation(track: Track) -> Violation | None:
     bent = LARGEST_BEND * float(np.linalg.norm(track.gravity)) * duration**2
     away = np.min([_away(track, places + a, places + b, bent) for a, b in JUMP_ENDS], axis=0)
     near = track.times[places + 2] - track.times[places - 1] <= JUMP_DURATION
-    return violations_of(
+    return worst_violation(
         _log_chi2_tail(away[near] ** 2, 3),
         track.times[places[near]],
         track.times[places[near] + 1],
@@ -217,7 +217,7 @@ def rest_violation(track: Track) -> Violation | None:
     off = np.abs(heights[:, None] - track.resting_heights).min(axis=1) - HEIGHT_ERROR
     scores = np.maximum(off, 0.0) / np.sqrt((noise**2).mean(axis=1) / count)
     begins = track.times[index[:, 0]]
-    return violations_of(
+    return worst_violation(
         (log_ndtr(-scores) + np.log(2.0))[where],
         (begins - HOLD_DURATION)[where],
         begins[where],
@@ -248,7 +248,7 @@ NOTABLE_LOG_P = -7.0
 where the track as a whole violates the law."""
 
 
-def violations_of(
+def worst_violation(
     log_ps: NDArray[np.float64],
     begins: NDArray[np.float64],
     ends: NDArray[np.float64],

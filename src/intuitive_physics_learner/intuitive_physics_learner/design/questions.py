@@ -139,7 +139,7 @@ class AboutMotion(Question):
     def directions(
         self, posterior: ParameterPosterior, simulator: Simulator, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Slopes (r, n) per width of the linear function that is closest to the answer over draw"""
+        """Slopes (r, n) per width of the linear function closest to the answer over draws."""
         scene_posterior = posterior.extended(self.scene.materials)
         units = scene_posterior.draw(QUERY_DRAWS, rng)
         answers = self._answers(

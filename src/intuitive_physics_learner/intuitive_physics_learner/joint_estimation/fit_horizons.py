@@ -121,10 +121,7 @@ class TrajectoryFits(Resumable):
         return np.asarray(self.estimate + np.einsum("wij,cwj->cwi", factors, normal))
 
     def advance(
-        self,
-        block: ObservationBlock,
-        residuals: NDArray[np.float64],
-        goals: NDArray[np.float64],
+        self, block: ObservationBlock, residuals: NDArray[np.float64], goals: NDArray[np.float64]
     ) -> bool:
         """Move horizons to `goals` (W,) s, or before a misfit in `residuals` (W, P, 3) m.
 

@@ -11,10 +11,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics.prior_knowledge.spin_evidence import (
-    SpinEvidence,
-    SpinLikelihood,
-)
+from intuitive_physics.prior_knowledge.spin_evidence import SpinEvidence, SpinLikelihood
 from intuitive_physics.settings import check_settings, number, other
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     TrajectoryFits,
@@ -273,7 +270,7 @@ class JointFit(Resumable):
         return True
 
     def rises_at(self, moves: Sequence[tuple[int, float]]) -> list[float]:
-        """Return by how much the loss rises where one parameter is held at a place, for each move.
+        """Return by how much the loss rises for each move, one parameter by index held at a place.
 
         Observations that depend on it are fitted to it, with all other parameters, by slopes there,
         up to the present horizons and with the present weights. What the others say of these
@@ -327,7 +324,10 @@ class JointFit(Resumable):
         return fit
 
     def _other_spins(self) -> dict[int, tuple[SpinLikelihood, ...]]:
-        """Return what trajectories say of other spins that explain more, θ_s held."""
+        """Return what trajectories say of other spins that explain more, by observation.
+
+        θ_s and all other initial states stay as they are: a spin that is wrong does no harm there.
+        """
         model, fits = self.model, self.observation_fits()
         others = other_spins(model, self.estimate)
         if not others:
@@ -343,7 +343,10 @@ class JointFit(Resumable):
         return {int(members[k]): likelihoods[k].spins for k in np.flatnonzero(explained)}
 
     def step(self) -> None:
-        """Take a damped Gauss-Newton step in all unknowns, then move the fit horizons."""
+        """Take a damped Gauss-Newton step in all unknowns, then move the fit horizons.
+
+        The parts are those of `docs/method/joint_estimation.md`, in the order of a step.
+        """
         linear = self.model.linearised(self.estimate)
         if self.steps in self.settings.scan_steps and self._leave_local_optima(linear):
             linear = self.model.linearised(self.estimate)
@@ -387,7 +390,7 @@ class JointFit(Resumable):
         equations: Sequence[NormalEquations],
         eliminated: Sequence[Elimination],
     ) -> tuple[list[NDArray[np.float64]], SpinEvidence]:
-        """Take over deviations; return goals (W,) of horizons in s, and evidence of spins."""
+        """Take over the posterior's deviations; return goals (W,) s, and spin evidence."""
         posterior = joint_posterior(self.prior, self.unit, eliminated, self.weights)
         self.estimate.deviations = posterior.deviations
         goals, evidence = [], SpinEvidence()
@@ -478,10 +481,7 @@ class JointFit(Resumable):
         return trying, residuals, part.losses(block, trying, residuals)
 
     def _take_states(
-        self,
-        options: NDArray[np.int64],
-        tried: Sequence[_Tried],
-        goals: list[NDArray[np.float64]],
+        self, options: NDArray[np.int64], tried: Sequence[_Tried], goals: list[NDArray[np.float64]]
     ) -> bool:
         """Take the best initial states among options; return whether any horizon got farther."""
         advanced, misfits = False, 0

@@ -260,7 +260,7 @@ class SeveralStarts(Resumable):
 
 @dataclass(frozen=True, eq=False)
 class _SeparateFit:
-    """A fit over (k,) parameters, of (n_members,) observations by their indices, alone."""
+    """A fit of some observations (n_members,) over some parameters (k,), both by index."""
 
     members: NDArray[np.int64]
     parameters: NDArray[np.int64]

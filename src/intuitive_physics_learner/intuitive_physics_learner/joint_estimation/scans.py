@@ -159,9 +159,7 @@ def tried_parameters(
 
 
 def compatible_moves(
-    gains: NDArray[np.float64],
-    influence: NDArray[np.bool_],
-    least_gain: float = SMALLEST_SCAN_GAIN,
+    gains: NDArray[np.float64], influence: NDArray[np.bool_], least_gain: float = SMALLEST_SCAN_GAIN
 ) -> list[int]:
     """Choose parameters by index, the most gainful first, no two of which share an observation.
 

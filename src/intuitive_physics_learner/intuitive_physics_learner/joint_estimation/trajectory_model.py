@@ -10,10 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics.prior_knowledge.spin_evidence import (
-    SpinLikelihood,
-    unknown_spins,
-)
+from intuitive_physics.prior_knowledge.spin_evidence import SpinLikelihood, unknown_spins
 from intuitive_physics.simulation.shares import mapped_in_shares
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     TrajectoryFits,
@@ -73,10 +70,7 @@ class TrajectoryModel:
     """
 
     def __init__(
-        self,
-        task: FitTask,
-        largest_advance: float,
-        blocks: list[ObservationBlock] | None = None,
+        self, task: FitTask, largest_advance: float, blocks: list[ObservationBlock] | None = None
     ) -> None:
         self.task = task
         self.cost = task.cost

@@ -88,9 +88,7 @@ class Identifiability:
 
 
 def identifiability_by_fit(
-    staged: StagedFit,
-    task: LearningTask,
-    seconds_left: Callable[[], float] = lambda: np.inf,
+    staged: StagedFit, task: LearningTask, seconds_left: Callable[[], float] = lambda: np.inf
 ) -> Identifiability:
     """State what is identified and how well, after a fit has converged."""
     fit = staged.joint
@@ -143,7 +141,11 @@ def _stated(
     free: NDArray[np.float64],
     deviations: NDArray[np.float64],
 ) -> Identifiability:
-    """State what is known at `unit` (n,) by what is about a fit: moves (n, 2), deviations (n,)."""
+    """State what is known at a point of the unit cube, `unit` (n,), by what is known about a fit.
+
+    `free` (n, 2) widths, how far parameters that are bound to one side can be moved from it;
+    `deviations` (n,) widths, standard deviation of each about it.
+    """
     searched, active = task.searched, task.active
     apart = unit - fit.unit
     beyond = apart - np.clip(apart, -free[:, 0], free[:, 1])

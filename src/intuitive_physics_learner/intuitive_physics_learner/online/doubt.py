@@ -65,7 +65,7 @@ class Examined:
 def examine(
     state: OnlineState, cost: Cost, simulator: Simulator, number: int, *, trusted: bool
 ) -> Examined:
-    """Fit the `number`-th observation to what is known; judge it by its signs unless trusted."""
+    """Fit the `number`-th observation to what is known; unless trusted, judge it by its signs."""
     (observation,) = cost.observations
     fit = LoneFit(cost, state, state.prior)
     if fit.blocked:
@@ -93,7 +93,7 @@ def examine(
 
 
 def signs_of(fit: LoneFit, simulator: Simulator, generator: np.random.Generator) -> Signs:
-    """Test laws of motion and follow undisturbed motions from where a fit stops; all finite."""
+    """Test laws of motion and follow undisturbed motions from where a fit stops; finite signs."""
     (violations,) = violations_of([fit.observation])
     misfits, times = undisturbed_misfits(fit.fit, simulator, generator)
     return Signs(

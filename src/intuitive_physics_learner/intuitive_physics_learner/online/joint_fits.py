@@ -19,10 +19,7 @@ from intuitive_physics_learner.joint_estimation.order_of_fits import (
     StagedFit,
     drawn_starts,
 )
-from intuitive_physics_learner.joint_estimation.profiles import (
-    curvature_posterior,
-    one_sided_moves,
-)
+from intuitive_physics_learner.joint_estimation.profiles import curvature_posterior, one_sided_moves
 from intuitive_physics_learner.online.change_point import change_probability
 from intuitive_physics_learner.online.lone_fit import LARGEST_ADVANCE
 from intuitive_physics_learner.online.memory import age_weight

@@ -27,10 +27,7 @@ from intuitive_physics.parameter_space import (
     parameters_of_vector,
 )
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics.prior_knowledge.spin_evidence import (
-    SpinEvidence,
-    SpinLikelihood,
-)
+from intuitive_physics.prior_knowledge.spin_evidence import SpinEvidence, SpinLikelihood
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, ObservationFit
@@ -119,7 +116,7 @@ class Refitted:
     deviations: NDArray[np.float64]
 
     def among(self, places: NDArray[np.int64], size: int) -> Refitted:
-        """Return the same among more, of which nothing is known; `places` (n,) among all `size`."""
+        """Return the same among `size` parameters, at `places` (n,); of others nothing is known."""
         unit, deviations = np.zeros(size), np.full(size, UNIFORM_PRECISION**-0.5)
         unit[places], deviations[places] = self.unit, self.deviations
         return Refitted(self.used, unit, deviations)

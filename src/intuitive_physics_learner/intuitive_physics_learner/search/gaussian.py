@@ -211,7 +211,7 @@ class Gaussian:
         return self.without(np.setdiff1d(np.arange(self.pull.size), parameters))
 
     def among(self, places: NDArray[np.int64], size: int) -> Gaussian:
-        """Return the same among `size` parameters, at `places` (n,), of which no more is known."""
+        """Return the same among `size` parameters, at `places` (n,); of others nothing is known."""
         wider = Gaussian.nothing(size)
         wider.precision[np.ix_(places, places)] = self.precision
         wider.pull[places] = self.pull

@@ -36,7 +36,7 @@ class NewObservations:
 
 
 class OnlineRecord:
-    """What learning in the background reads of a database, however many observations there are."""
+    """The part of an open database that learning in the background reads, in constant time."""
 
     def __init__(self, database: Database) -> None:
         self._database = database

@@ -26,13 +26,7 @@ from intuitive_physics_learner.search.update_rules.single_point_search import (
 )
 from intuitive_physics_learner.search.update_rules.update_rule import UpdateRule
 
-__all__ = [
-    "ALL_RULES",
-    "FURTHER_RULES",
-    "UPDATE_RULES",
-    "UpdateRule",
-    "make_update_rule",
-]
+__all__ = ["ALL_RULES", "FURTHER_RULES", "UPDATE_RULES", "UpdateRule", "make_update_rule"]
 
 UPDATE_RULES: dict[str, type[UpdateRule]] = {
     rule.name: rule

@@ -159,7 +159,7 @@ class UpdateRule(ABC):
         """
 
     def update(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> None:
-        """Take the `points` (k, n) and `costs` (k,), m, of a generation; by default needless."""
+        """Take the `points` (k, n) and `costs` (k,), m, of a generation; by default no more."""
         return
 
     def own_state(self) -> dict[str, Any]:

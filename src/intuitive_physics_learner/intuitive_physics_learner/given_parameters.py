@@ -47,14 +47,9 @@ LARGEST_DIFFERENCE = 1e-6
 
 
 def check_within_bounds(
-    parameters: StaticParameters,
-    chosen: NDArray[np.bool_],
-    bounds: Mapping[str, Bounds] | None,
+    parameters: StaticParameters, chosen: NDArray[np.bool_], bounds: Mapping[str, Bounds] | None
 ) -> None:
-    """Make sure that values lie within the bounds of a search.
-
-    `chosen` (|θ_s|,) bool, which values to look at.
-    """
+    """Make sure that the values that are `chosen` (|θ_s|,) bool lie within the bounds."""
     limits = {**DEFAULT_BOUNDS, **(bounds or {})}
     names, values = parameter_names(parameters.materials), parameter_vector(parameters)
     for index in np.flatnonzero(chosen):
@@ -196,10 +191,7 @@ def _with_knowledge(
     whole: ParameterPosterior | None,
     bounds: Mapping[str, Bounds] | None,
 ) -> LearnedParameters:
-    """Return a version with its posterior, and with what was given of it.
-
-    `chosen` (|θ_s|,) bool, which parameters are given.
-    """
+    """Return a version with its posterior, and with what was given of it, `chosen` (|θ_s|,)."""
     wide = widened_bounds(bounds or {}, merged.parameters)
     marginals = ParameterPosterior.from_marginals(
         merged.parameters,

@@ -253,13 +253,7 @@ def _reserved(search: Search, task: LearningTask, seconds: float, limit: float) 
 def search_parameters(
     observations: Sequence[Observation], simulator: Simulator, options: LearningOptions
 ) -> SearchResult:
-    """Search θ_s without its identifiability.
-
-    Raises
-    ------
-    NoObservationsError, UnknownMethodError, UnsupportedSceneError, InvalidInputError
-        As `learn`.
-    """
+    """Search θ_s without its identifiability; raises as `learn`."""
     clean, _, options = _assessed(observations, options)
     _, task = _begin(clean, simulator, options, None, None, TrajectoryCost)
     search = make_search(

@@ -9,7 +9,6 @@ import pytest
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, ObservedObject
-from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.simulation import Rollout, Simulator, WorldStatus, make_simulator
@@ -17,8 +16,8 @@ from intuitive_physics.simulation.rigid_bodies.world import MOST_PLANES
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import ObservationStore, TrajectoryCost
-from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.search.learning_task import LearningTask
+
+from .cases import task_of
 
 
 class GlideSimulator(Simulator):
@@ -168,10 +167,7 @@ def gliding_task():
             track = ObservedObject(ball, Trajectory(times, positions), state)
             observed.append(Observation(FLOOR, (track,), 0.0))
         cost = TrajectoryCost(observed, GlideSimulator(effect))
-        space = ParameterSpace(cost.materials)
-        influence = parameter_influence(observed, cost.materials)
-        start = StaticParameters.uniform(cost.materials, restitution=0.5)
-        return LearningTask(cost, space, influence, start)
+        return task_of(cost, StaticParameters.uniform(cost.materials, restitution=0.5))
 
     return make
 

@@ -31,8 +31,10 @@ from intuitive_physics_learner.assessment.motion_laws import (
     jump_violation,
     rest_violation,
 )
-from intuitive_physics_learner.assessment.tracks import tracks_of
+from intuitive_physics_learner.assessment.tracks import track_of
 from intuitive_physics_learner.store.observation_entries import Assessment
+
+from .cases import rerouted
 
 NOISE = 0.02
 TIMES = np.arange(90) / 30.0
@@ -54,8 +56,7 @@ def observation_of(path, seed=0, shape=None, times=TIMES, noise=NOISE):
 
 def track(path, seed=0, shape=None, noise=NOISE):
     whitening = np.broadcast_to(np.eye(3) / noise, (len(path), 3, 3))
-    (track,) = tracks_of(observation_of(path, seed, shape, noise=noise), [whitening])
-    return track
+    return track_of(observation_of(path, seed, shape, noise=noise), 0, whitening)
 
 
 def flight(height=20.0):
@@ -88,11 +89,7 @@ def least(violations):
 
 
 def violations(track):
-    return [
-        flight_violation(track),
-        jump_violation(track),
-        rest_violation(track),
-    ]
+    return [law(track) for law in (flight_violation, jump_violation, rest_violation)]
 
 
 @pytest.mark.parametrize("path", [flight(), sliding(), bouncing(), bouncing(0.3)])
@@ -244,23 +241,18 @@ def test_disturbed_observation_is_cut_unless_trusted():
     assert assess_observations([]) == ([], [])
 
 
-def moved(observation, change):
-    (ball,) = observation.objects
-    times = ball.trajectory.times
-    positions = ball.trajectory.positions + change(times)
-    return replace(observation, objects=(replace(ball, trajectory=Trajectory(times, positions)),))
-
-
-def jump(times):
-    return (times > 0.45)[:, None] * [0.4, -0.3, 0.2]
+def jumped(observation):
+    jump = [0.4, -0.3, 0.2]
+    return rerouted(
+        observation, lambda times, positions: positions + (times > 0.45)[:, None] * jump
+    )
 
 
 def test_disturbed_observation_is_doubtful_until_included(tmp_path, event_driven, throws):
     observations = throws(12, 3, noise=0.003, state_noise=0.01, times=48)
-    observations[4] = moved(observations[4], jump)
+    observations[4] = jumped(observations[4])
     with ObservationStore(tmp_path / "learned.sqlite3") as store:
-        for observation in observations:
-            store.add(observation)
+        store.add_all(observations)
         options = LearningOptions(criteria=ConvergenceCriteria(300))
         result = learn_from_store(store, event_driven, options)
         weights = np.array([assessment.weight for assessment in result.assessments])
@@ -278,7 +270,7 @@ def test_disturbed_observation_is_doubtful_until_included(tmp_path, event_driven
 
 def test_learning_with_disturbed_observations_is_as_accurate(event_driven, throws, true_parameters):
     observations = throws(12, 3, noise=0.003, state_noise=0.01, times=48)
-    disturbed = [moved(each, jump) for each in observations[:3]] + observations[3:]
+    disturbed = [jumped(each) for each in observations[:3]] + observations[3:]
     learned = learn(disturbed, event_driven, LearningOptions()).learned
     true = true_parameters.coefficients[3, 0, 1]
     assert abs(learned.parameters.coefficients[3, 0, 1] - true) < 0.02

@@ -2,12 +2,8 @@
 
 import numpy as np
 
-from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
-from intuitive_physics_learner.online.change_point import (
-    change_probability,
-    find_change,
-)
-from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.online.change_point import change_probability, find_change
+from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
 
 SIZE = 6
 """Parameters: two pairs of three."""

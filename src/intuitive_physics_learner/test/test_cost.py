@@ -97,22 +97,19 @@ def test_batches_equal_single_candidates(event_driven, throws, true_parameters, 
     some = [true_parameters.with_pair("ball", "floor", restitution=e) for e in (0.2, 0.5, 0.9)]
     together = cost.distances(some)
     assert (together == np.concatenate([cost.distances([theta]) for theta in some])).all()
-    residuals = cost.residuals(some)
+    residuals = cost.trial_residuals(Trials.crossed(some, 6))
     monkeypatch.setattr(cost_module, "LARGEST_CHUNK", 1)
     assert (together == cost.distances(some)).all()
-    assert (residuals == cost.residuals(some)).all()
+    again = cost.trial_residuals(Trials.crossed(some, 6))
+    np.testing.assert_array_equal(residuals, again)
 
 
 def test_residuals_have_the_distances_as_their_lengths(event_driven, throws, true_parameters):
     cost = TrajectoryCost(throws(2, 0, noise=0.01) + throws(2, 1, times=20), event_driven)
-    lengths = np.linalg.norm(cost.residuals([true_parameters])[0], axis=1)
-    counts = np.bincount(cost.point_trajectory)
-    assert sorted(counts) == [20, 20, 60, 60]
-    np.testing.assert_allclose(
-        np.bincount(cost.point_trajectory, lengths) / counts,
-        cost.distances([true_parameters])[0],
-        rtol=1e-12,
-    )
+    lengths = np.linalg.norm(cost.trial_residuals(Trials.crossed([true_parameters], 4)), axis=2)
+    assert np.isfinite(lengths).sum(axis=1).tolist() == [60, 60, 20, 20]
+    distances = cost.distances([true_parameters])[0]
+    np.testing.assert_allclose(np.nanmean(lengths, axis=1), distances, rtol=1e-12)
 
 
 @pytest.mark.parametrize("until", [None, [0.3, 0.9, 0.3, 0.9]])
@@ -143,7 +140,9 @@ def test_failed_worlds_cost_a_finite_fortune_and_harm_no_other(glide, glides, di
     distances = cost.distances([theta])[0]
     assert distances[0] == FAILED_DISTANCE
     assert distances[1] < 1e-12
-    assert np.isnan(cost.residuals([theta])[0][cost.point_trajectory == 0]).all()
+    failed, other = cost.trial_residuals(Trials.crossed([theta], 2))
+    assert np.isnan(failed).all()
+    assert np.isfinite(other).any()
 
 
 @pytest.mark.parametrize("distance", DISTANCES)

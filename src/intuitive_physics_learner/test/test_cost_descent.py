@@ -31,7 +31,7 @@ def weights_of(task):
 def test_search_finds_the_true_parameters(gliding_task):
     task = gliding_task([0.8, 0.8, 0.8])
     descent = descent_of(task)
-    descent.begin(task.begin[None])
+    descent.take_best(task.begin[None])
     run(descent)
     assert descent.unit[3] == pytest.approx(0.8, abs=1e-3)
 
@@ -47,7 +47,7 @@ def test_ends_at_the_weighted_median(gliding_task):
     least_squares = (weights**2 * e).sum() / (weights**2).sum()
     assert abs(least_squares - e[middle]) > 0.05
     descent = descent_of(task)
-    descent.begin(task.begin[None])
+    descent.take_best(task.begin[None])
     assert descent.cost == pytest.approx((weights * np.abs(0.5 - e)).mean())
     run(descent)
     assert descent.unit[3] == pytest.approx(e[middle], abs=2e-3)
@@ -59,7 +59,7 @@ def test_begins_at_the_best_point_and_never_rises(gliding_task):
     points = np.tile(task.begin, (3, 1))
     points[:, 3] = 0.05, 0.65, 0.95
     descent = descent_of(task)
-    descent.begin(points)
+    descent.take_best(points)
     assert descent.unit[3] == 0.65
     costs = run(descent)
     assert (np.diff(costs) <= 0.0).all()
@@ -71,7 +71,7 @@ def test_continues_exactly_from_its_state(gliding_task):
     task = gliding_task([0.3, 0.6, 0.9], noise=0.01)
     for before in (1, 4, 12):
         whole = descent_of(task)
-        whole.begin(task.begin[None])
+        whole.take_best(task.begin[None])
         run(whole, before)
         state = json.loads(json.dumps(whole.state()))
         run(whole, 5)

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import TrajectoryCost
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings, fit_horizons
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
@@ -24,6 +23,8 @@ from intuitive_physics_learner.joint_estimation.fit_horizons import (
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
+
+from .cases import rerouted
 
 SETTINGS = JointEstimationSettings()
 ADVANCE = SETTINGS.largest_advance
@@ -173,10 +174,8 @@ def test_a_horizon_that_retreats_twice_and_gets_no_farther_stays(block):
 def test_a_fit_settles_where_one_motion_cannot_be_explained_to_its_end(gliding_task, glide):
     task = gliding_task([0.6] * 4, position_deviation=0.02, noise=0.002, count=60)
     *others, last = task.cost.observations
-    (ball,) = last.objects
-    times, positions = ball.trajectory.times, ball.trajectory.positions.copy()
-    positions[:, 1] += np.maximum(times - 1.2, 0.0)
-    kicked = replace(last, objects=(replace(ball, trajectory=Trajectory(times, positions)),))
+    kick = [0.0, 1.0, 0.0]
+    kicked = rerouted(last, lambda t, path: path + np.maximum(t - 1.2, 0.0)[:, None] * kick)
     task = replace(task, cost=TrajectoryCost([*others, kicked], glide))
     fit = JointFit(task.fit_task, SETTINGS)
     for _ in range(60):
@@ -200,15 +199,6 @@ def test_losses_are_hubers_and_the_priors(block):
     residuals[0, 0, 0] = np.nan
     failed = fits.losses(block, estimates, residuals)[0, 0]
     assert failed == pytest.approx(2.0 + 3.0 * (FAILED_LENGTH - 1.5))
-
-
-def test_fits_continue_from_their_state(block):
-    fits, other = (TrajectoryFits.initial(block) for _ in range(2))
-    fits.estimate += 0.125
-    fits.misfits[1] = True
-    other.load_state(fits.state())
-    assert other.state() == fits.state()
-    assert other.misfits.dtype == fits.misfits.dtype
 
 
 def test_joint_fit_reaches_the_end_of_predictable_motion(gliding_task):

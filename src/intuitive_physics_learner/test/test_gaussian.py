@@ -7,10 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
-from intuitive_physics_learner.joint_estimation.jackknife import jackknife_variances
-from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
-from intuitive_physics_learner.online.encoding import decode_array, encode_array
-from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.online.encoding import decoded, encoded
+from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
 
 
 def random_precision(generator, size, scale=100.0):
@@ -111,30 +109,8 @@ def test_a_weight_of_minus_one_takes_away_what_was_added():
     np.testing.assert_allclose(after.mean, before.mean)
 
 
-def test_jackknife_variance_of_a_mean():
-    generator = np.random.default_rng(3)
-    count, sharpness = 400, 1e4
-    likelihoods = []
-    for _ in range(count):
-        about = np.array([0.5])
-        best = about + generator.normal(0.0, sharpness**-0.5, 1)
-        matrix = np.array([[sharpness]])
-        likelihoods.append(
-            LocalLikelihood(np.array([0]), about, matrix, matrix @ (about - best), 0.0)
-        )
-    information = Gaussian.nothing(1).plus(likelihoods)
-    (variance,) = jackknife_variances(information, np.array([0.5]), likelihoods, np.ones(count))
-    assert variance == pytest.approx(1.0 / (count * sharpness), rel=0.3)
-    lone = LocalLikelihood(np.array([0]), np.array([0.6]), np.array([[1e9]]), np.zeros(1), 0.0)
-    information = information.plus([lone])
-    (variance,) = jackknife_variances(
-        information, np.array([0.5]), [*likelihoods, lone], np.ones(count + 1)
-    )
-    assert np.sqrt(variance) == pytest.approx(0.1, rel=0.05)
-
-
 @given(arrays(np.float64, st.tuples(st.integers(0, 4), st.integers(0, 4))))
 def test_arrays_survive_to_their_last_bit(array):
-    back = decode_array(encode_array(array))
+    back = decoded(encoded(array), {})
     assert back.shape == array.shape
     assert back.tobytes() == array.tobytes()

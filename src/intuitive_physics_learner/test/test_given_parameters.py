@@ -17,14 +17,13 @@ from intuitive_physics.parameter_space import (
     ParameterSpace,
     parameter_vector,
 )
-from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, learn
 from intuitive_physics_learner.given_parameters import GIVEN_AS, given_parameters
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
-MATERIALS = ("ball", "floor")
+from .cases import MATERIALS, E, rerouted
+
 NAMES = parameter_names(MATERIALS)
-E = NAMES.index("restitution[ball, floor]")
 STATIC = NAMES.index("static_friction[ball, floor]")
 DYNAMIC = NAMES.index("dynamic_friction[ball, floor]")
 
@@ -50,10 +49,8 @@ def noisy_glides(glides):
     observations = []
     for _ in range(3):
         observation = glides(generator, 0.7, counts=(10,))
-        (ball,) = observation.objects
-        times, positions = ball.trajectory.times, ball.trajectory.positions
-        noisy = Trajectory(times, positions + generator.normal(0.0, 0.1, positions.shape))
-        observations.append(replace(observation, objects=(replace(ball, trajectory=noisy),)))
+        noise = generator.normal(0.0, 0.1, (10, 3))
+        observations.append(rerouted(observation, lambda _, positions, n=noise: positions + n))
     return observations
 
 

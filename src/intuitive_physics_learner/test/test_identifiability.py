@@ -16,20 +16,17 @@ from intuitive_physics_learner import (
     TrajectoryCost,
     make_update_rule,
 )
-from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.wrapped_costs import InterruptibleCost
 from intuitive_physics_learner.joint_search.identifiability import identifiability_of_optimum
-from intuitive_physics_learner.search.learning_task import LearningTask
 
-MATERIALS = ("ball", "floor")
+from .cases import MATERIALS, E, rerouted, task_of
+
 SPACE = ParameterSpace(MATERIALS)
-E = parameter_names(MATERIALS).index("restitution[ball, floor]")
 
 
 def stated(cost, parameters, space=SPACE):
     """What a search states that began at these parameters and found none better."""
-    influence = parameter_influence(cost.observations, cost.materials)
-    return identifiability_of_optimum(LearningTask(cost, space, influence, parameters), parameters)
+    return identifiability_of_optimum(task_of(cost, parameters, space), parameters)
 
 
 def found_optimum(cost, seed=0, iterations=1500):
@@ -40,12 +37,6 @@ def found_optimum(cost, seed=0, iterations=1500):
 
 def identified_names(result):
     return {n for n, yes in zip(parameter_names(MATERIALS), result.identified, strict=True) if yes}
-
-
-def with_track(observation, times, positions):
-    """The observation of one object, on another track."""
-    (thing,) = observation.objects
-    return replace(observation, objects=(replace(thing, trajectory=Trajectory(times, positions)),))
 
 
 def test_only_active_parameters_are_identified(event_driven, throws, true_parameters):
@@ -73,9 +64,10 @@ def test_a_response_below_the_noise_identifies_nothing(glide, glides):
     # e acts, but less than the noise hides: 0.1 s at about 1 mm/s against 1 m.
     generator = np.random.default_rng(0)
     observation = glides(generator, 0.5, counts=(20,))
-    track = observation.objects[0].trajectory
-    noisy = track.positions + generator.normal(size=(20, 3))
-    cost = TrajectoryCost([with_track(observation, 1e-3 * track.times, noisy)], glide, MATERIALS)
+    (thing,) = observation.objects
+    noisy = thing.trajectory.positions + generator.normal(size=(20, 3))
+    slow = replace(thing, trajectory=Trajectory(1e-3 * thing.trajectory.times, noisy))
+    cost = TrajectoryCost([replace(observation, objects=(slow,))], glide, MATERIALS)
     result = stated(cost, StaticParameters.uniform(MATERIALS))
     assert result.responsive.sum() == 1
     assert not result.identified.any()
@@ -106,8 +98,9 @@ def test_standard_deviation_of_a_linear_model(glide, glides):
     observation = glides(generator, 0.5, counts=(200,))
     thing = observation.objects[0]
     track = thing.trajectory
-    noisy = track.positions + generator.normal(0.0, 0.02, (200, 3))
-    cost = TrajectoryCost([with_track(observation, track.times, noisy)], glide, MATERIALS)
+    noise = generator.normal(0.0, 0.02, (200, 3))
+    noisy = rerouted(observation, lambda times, positions: positions + noise)
+    cost = TrajectoryCost([noisy], glide, MATERIALS)
     result = stated(cost, StaticParameters.uniform(MATERIALS, restitution=0.5))
     leverage = np.outer(track.times, thing.initial_state.linear_velocity)
     expected = 0.02 / np.sqrt(np.square(leverage).sum())

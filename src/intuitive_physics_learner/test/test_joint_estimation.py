@@ -8,13 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from intuitive_physics.materials import StaticParameters, parameter_names
-from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
+from intuitive_physics.materials import parameter_names
+from intuitive_physics.parameter_space import parameter_vector
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, TrajectoryCost, learn
-from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.point_noise import position_noise
-from intuitive_physics_learner.joint_estimation.half_agreement import agreed_deviations
 from intuitive_physics_learner.joint_estimation.linearisation import separate_groups
 from intuitive_physics_learner.joint_estimation.normal_equations import bounded_step
 from intuitive_physics_learner.joint_estimation.observation_blocks import (
@@ -29,18 +27,11 @@ from intuitive_physics_learner.joint_search.identifiability import (
     identifiability_by_fit,
 )
 from intuitive_physics_learner.methods import JOINT_METHOD
-from intuitive_physics_learner.search.gaussian import Gaussian
-from intuitive_physics_learner.search.learning_task import LearningTask
 
-MATERIALS = ("ball", "floor")
+from .cases import MATERIALS, task_of
+
 NOISE, STATE_NOISE = 0.005, 0.02
 """m, and m of initial states, whose velocities err by five times that in m/s."""
-
-
-def task_of(cost):
-    influence = parameter_influence(cost.observations, cost.materials)
-    space, start = ParameterSpace(cost.materials), StaticParameters.uniform(cost.materials)
-    return LearningTask(cost, space, influence, start)
 
 
 def joint_search(observed, simulator):
@@ -125,14 +116,14 @@ def test_resumes_exactly(event_driven, throws, acceleration, steps):
     whole = joint_search(observed, event_driven)
     for step in range(steps):
         if step == steps - 3:
-            state = json.loads(json.dumps(whole.state_dict(), allow_nan=False))
+            state = json.loads(json.dumps(whole.state(), allow_nan=False))
         whole.step(20)
     assert whole.lowers_cost == (acceleration > 0.0)
     resumed = joint_search(observed, event_driven)
     resumed.load_state(state)
     for _ in range(3):
         resumed.step(20)
-    assert resumed.state_dict() == whole.state_dict()
+    assert resumed.state() == whole.state()
 
 
 def test_lowers_cost_where_the_simulation_lacks_an_effect(event_driven, throws):
@@ -226,7 +217,7 @@ def test_judges_in_little_time_where_little_is_left(event_driven, throws):
 
     def judged(seconds_left):
         before = cost.trials
-        fit.choose()
+        fit.jointly.choose()
         stated = identifiability_by_fit(fit, task, seconds_left)
         return stated, cost.trials - before
 
@@ -237,56 +228,3 @@ def test_judges_in_little_time_where_little_is_left(event_driven, throws):
     sure = in_haste.identified
     assert (at_leisure.identified | ~sure).all()
     assert (in_haste.standard_deviations >= 0.5 * at_leisure.standard_deviations)[sure].all()
-
-
-FAMILIES = [np.array([0, 1]), np.array([2, 3])]
-
-
-def half(unit, deviation=0.01):
-    return Gaussian.about(np.array(unit), np.eye(4) * deviation**-2)
-
-
-def test_a_half_that_agrees_widens_nothing_and_another_does():
-    # Half of the data says 0.01, so all data say 0.01 / √2.
-    unit, deviations = np.full(4, 0.5), np.full(4, 0.01 / np.sqrt(2.0))
-    agreed = agreed_deviations(unit, deviations, half([0.503, 0.497, 0.502, 0.501]), FAMILIES)
-    np.testing.assert_allclose(agreed, deviations)
-    agreed = agreed_deviations(unit, deviations, half([0.7, 0.5, 0.502, 0.501]), FAMILIES)
-    # 0.2 off itself; what is of the same family is doubted too.
-    assert agreed[0] == pytest.approx(0.2)
-    assert agreed[1] > agreed[2] >= deviations[2]
-
-
-def test_no_sharper_than_two_halves_together():
-    """Information adds up: 1/σ² = 2/σ_a²; where the half knows nothing that of its bounds."""
-    unit, deviations = np.full(4, 0.5), np.full(4, 0.001)
-    agreed = agreed_deviations(unit, deviations, half(unit), FAMILIES)
-    np.testing.assert_allclose(agreed, 0.01 / np.sqrt(2.0))
-    ignorant = half([0.1, 0.9, 0.5, 0.5], 12.0**-0.5)
-    agreed = agreed_deviations(unit, deviations, ignorant, FAMILIES)
-    np.testing.assert_allclose(agreed, 24.0**-0.5)
-
-
-def test_a_smaller_part_is_expected_farther_away():
-    # u is the mean of the part's h and what the rest says: a - u has the variance (1 - h) σ_a².
-    unit, deviations = np.full(4, 0.5), np.full(4, 0.005)
-    for share, chance in ((0.25, True), (0.9, False)):
-        off = half(unit + 2.0 * np.sqrt(1.0 - 0.25) * 0.0099)
-        agreed = agreed_deviations(unit, deviations, off, FAMILIES, share=share, balanced=False)
-        assert bool((agreed < np.abs(off.mean - unit)).all()) == chance
-
-
-def test_a_part_with_other_observations_bounds_nothing():
-    # Where what came later says more, it is known better than by parts like the first.
-    unit, deviations = np.full(4, 0.5), np.full(4, 0.001)
-    agreed = agreed_deviations(unit, deviations, half(unit), FAMILIES, balanced=False)
-    np.testing.assert_allclose(agreed, deviations)
-
-
-@settings(max_examples=50)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_agreed_deviations_are_never_smaller(seed):
-    rng = np.random.default_rng(seed)
-    unit, deviations = rng.random(4), rng.uniform(1e-4, 0.28, 4)
-    said = half(rng.random(4), rng.uniform(1e-4, 0.28))
-    assert (agreed_deviations(unit, deviations, said, FAMILIES) >= deviations).all()

@@ -76,13 +76,12 @@ def test_observations_are_returned_in_order(path, observation):
             store.observations(["a", "x"])
 
 
-def test_the_same_id_is_stored_once(path, observation, glides):
+def test_the_same_id_is_stored_once(store, observation, glides):
     other = glides(np.random.default_rng(1), 0.5, id="a")
-    with ObservationStore(path) as store:
-        assert store.add(observation("a"))
-        assert not store.add(other)
-        assert store.count() == 1
-        assert store.observations()[0].to_json() == observation("a").to_json()
+    assert store.add(observation("a"))
+    assert not store.add(other)
+    assert store.count() == 1
+    assert store.observations()[0].to_json() == observation("a").to_json()
 
 
 def test_parameters_get_growing_versions(path):
@@ -150,26 +149,25 @@ def test_two_processes_and_two_threads_write_at_once(path, observation, tmp_path
 
 def filled(path, observation, count=30):
     with ObservationStore(path) as store:
-        for n in range(count):
-            store.add(observation(str(n)))
+        store.add_all([observation(str(n)) for n in range(count)])
     return path.read_bytes()
 
 
-def test_truncated_file(path, observation):
-    whole = filled(path, observation)
-    path.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(StorageError, match="is damaged"):
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda whole: whole[: len(whole) // 2], "is damaged"),
+        (lambda whole: whole[:8192] + bytes(8192) + whole[16384:], "is damaged"),
+        (lambda whole: np.random.default_rng(0).bytes(20_000), "not an SQLite database"),
+    ],
+    ids=["truncated", "overwritten", "garbage"],
+)
+def test_a_spoilt_file_is_refused_and_left_as_it_is(path, observation, spoil, message):
+    spoilt = spoil(filled(path, observation))
+    path.write_bytes(spoilt)
+    with pytest.raises(StorageError, match=message):
         ObservationStore(path)
-    assert path.read_bytes() == whole[: len(whole) // 2]
-
-
-def test_overwritten_pages(path, observation):
-    whole = bytearray(filled(path, observation))
-    whole[8192:16384] = bytes(8192)
-    path.write_bytes(whole)
-    with pytest.raises(StorageError, match="is damaged"):
-        ObservationStore(path)
-    assert path.read_bytes() == whole
+    assert path.read_bytes() == spoilt
 
 
 def test_damage_is_detected_by_check_and_by_reading(path, observation):
@@ -182,15 +180,6 @@ def test_damage_is_detected_by_check_and_by_reading(path, observation):
             store.check()
         with pytest.raises(StorageError, match=r"is damaged .*restore a copy"):
             store.observations()
-
-
-def test_garbage_file(path):
-    path.parent.mkdir(parents=True)
-    garbage = np.random.default_rng(0).bytes(20_000)
-    path.write_bytes(garbage)
-    with pytest.raises(StorageError, match="not an SQLite database"):
-        ObservationStore(path)
-    assert path.read_bytes() == garbage
 
 
 def test_database_of_another_program(path, rewrite):
@@ -290,29 +279,27 @@ def test_a_checkpoint_that_cannot_be_read_counts_as_none(path, rewrite):
         assert store.saved_search("a", 0) == {}
 
 
-def test_several_observations_are_stored_together_or_not_at_all(path, observation):
-    with ObservationStore(path) as store:
-        assert store.add_all([observation(id) for id in "abcab"]) == 3
-        assert store.add_all([observation(id) for id in "bd"]) == 1
-        assert store.ids() == ["a", "b", "c", "d"]
-        store.database._connection.execute("PRAGMA max_page_count = 1")
-        with pytest.raises(StorageError, match="full; make room"):
-            store.add_all([observation(str(n)) for n in range(100)])
-        assert store.count() == 4
+def test_several_observations_are_stored_together_or_not_at_all(store, observation):
+    assert store.add_all([observation(id) for id in "abcab"]) == 3
+    assert store.add_all([observation(id) for id in "bd"]) == 1
+    assert store.ids() == ["a", "b", "c", "d"]
+    store.database._connection.execute("PRAGMA max_page_count = 1")
+    with pytest.raises(StorageError, match="full; make room"):
+        store.add_all([observation(str(n)) for n in range(100)])
+    assert store.count() == 4
 
 
-def test_an_improvement_counts_only_on_the_newest_version(path):
+def test_an_improvement_counts_only_on_the_newest_version(store):
     theta = LearnedParameters.defaults(["ball", "floor"])
-    with ObservationStore(path) as store:
-        assert store.newest_version() == 0
-        assert store.save_online("{}", 0, theta)
-        assert not store.save_online("[]", 0, theta)
-        assert OnlineRecord(store.database).state() == "{}"
-        assert store.save_online("1", 1, theta)
-        assert store.newest_version() == 2
-        assert store.parameters(1).version == 1
-        with pytest.raises(UnknownNameError, match="version is 3; expected 1 to 2"):
-            store.parameters(3)
+    assert store.newest_version() == 0
+    assert store.save_online("{}", 0, theta)
+    assert not store.save_online("[]", 0, theta)
+    assert OnlineRecord(store.database).state() == "{}"
+    assert store.save_online("1", 1, theta)
+    assert store.newest_version() == 2
+    assert store.parameters(1).version == 1
+    with pytest.raises(UnknownNameError, match="version is 3; expected 1 to 2"):
+        store.parameters(3)
 
 
 def test_full_disk_loses_nothing_that_was_stored(path, observation, tmp_path):
@@ -330,21 +317,19 @@ def test_full_disk_loses_nothing_that_was_stored(path, observation, tmp_path):
         assert store.ids()[: len(expected)] == expected
 
 
-def test_folder_that_cannot_be_made(tmp_path):
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        ("file/learner.sqlite3", "cannot make the folder"),
+        ("/nowhere-at-all/robots/learner.sqlite3", "there is no folder /nowhere-at-all, so none"),
+        ("", "cannot open"),
+    ],
+)
+def test_a_place_where_no_database_can_be(tmp_path, place, message):
     (tmp_path / "file").write_text("")
-    with pytest.raises(StorageError, match="cannot make the folder"):
-        ObservationStore(tmp_path / "file" / "learner.sqlite3")
-
-
-def test_folders_from_the_root_on_are_a_mistake():
-    with pytest.raises(StorageError, match="there is no folder /nowhere-at-all, so none is made"):
-        ObservationStore("/nowhere-at-all/robots/learner.sqlite3")
+    with pytest.raises(StorageError, match=message):
+        ObservationStore(tmp_path / place)
     assert not Path("/nowhere-at-all").exists()
-
-
-def test_path_that_is_a_folder(tmp_path):
-    with pytest.raises(StorageError, match="cannot open"):
-        ObservationStore(tmp_path)
 
 
 def test_locked_by_another_process(path, observation, monkeypatch):
@@ -369,8 +354,7 @@ def test_a_version_that_cannot_be_read(path, rewrite):
             store.parameters(1)
 
 
-def test_closed(path):
-    store = ObservationStore(path)
+def test_closed(store):
     store.close()
     with pytest.raises(StorageError, match="open it again"):
         store.count()

@@ -4,21 +4,15 @@ import numpy as np
 
 from intuitive_physics.materials import parameter_names
 from intuitive_physics.observation import Observation, ObservedObject
-from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
-from intuitive_physics_learner import (
-    ConvergenceCriteria,
-    LearningOptions,
-    TrajectoryCost,
-    learn,
-)
-from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, TrajectoryCost, learn
 from intuitive_physics_learner.joint_search.identifiability import identifiability_of_optimum
 from intuitive_physics_learner.methods import JOINT_METHOD
-from intuitive_physics_learner.search.learning_task import LearningTask
+
+from .cases import task_of
 
 FLOOR = Environment([Plane("floor", "floor", [0, 0, 1], 0.0)])
 MATERIALS = ("ball", "floor")
@@ -53,8 +47,7 @@ def test_friction_that_only_has_to_be_large_enough_has_a_one_sided_interval(
         thrown(event_driven, true, template, (speed, 0.0, 0.0), generator) for speed in speeds
     ]
     cost = TrajectoryCost(observed, event_driven, MATERIALS)
-    found, influence = replace_pair(true_parameters, 0.29), parameter_influence(observed, MATERIALS)
-    task = LearningTask(cost, ParameterSpace(MATERIALS), influence, found)
+    task = task_of(cost, found := replace_pair(true_parameters, 0.29))
     result = identifiability_of_optimum(task, found)
     low, high = result.intervals[PAIR]
     assert result.identified[PAIR]

@@ -32,6 +32,8 @@ from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
 from intuitive_physics_learner.stored_learning import learn_from_store
 
+from .cases import E, rerouted
+
 OPTIONS = OnlineOptions(window=6)
 """A small window, so that observations leave it soon."""
 
@@ -52,18 +54,13 @@ class CountingSimulator(Simulator):
 
 
 def restitution(learned):
-    place = parameter_names(learned.materials).index("restitution[ball, floor]")
-    return learned.parameters.pair("ball", "floor")["restitution"], learned.standard_deviations[
-        place
-    ]
+    return learned.parameters.pair("ball", "floor")["restitution"], learned.standard_deviations[E]
 
 
 def kicked(observation):
     """The same throw, but that the ball was kicked on its way."""
-    (ball,) = observation.objects
-    times = ball.trajectory.times
-    moved = ball.trajectory.positions + np.maximum(times - 0.4, 0.0)[:, None] * [2.0, -1.0, 1.0]
-    return replace(observation, objects=(replace(ball, trajectory=Trajectory(times, moved)),))
+    kick = [2.0, -1.0, 1.0]
+    return rerouted(observation, lambda t, path: path + np.maximum(t - 0.4, 0.0)[:, None] * kick)
 
 
 @pytest.fixture(scope="module")
@@ -95,15 +92,14 @@ def test_retired_observations_still_count(stream):
     learner, published, _ = stream
     state = learner.state
     assert len(state.window) == OPTIONS.window
-    place = parameter_names(state.materials).index("restitution[ball, floor]")
-    everything = state.posterior.precision[place, place]
+    everything = state.posterior.precision[E, E]
     of_window = sum(
         member.weight
-        * member.likelihood.information[list(member.likelihood.parameters).index(place)][-1]
+        * member.likelihood.information[list(member.likelihood.parameters).index(E)][-1]
         for member in state.window
     )
     assert everything > 1.5 * of_window
-    assert published[-1].posterior.information[place, place] > 0.0
+    assert published[-1].posterior.information[E, E] > 0.0
 
 
 def test_an_observation_takes_no_more_the_more_there_were(stream):
@@ -113,12 +109,14 @@ def test_an_observation_takes_no_more_the_more_there_were(stream):
 
 def held(observation):
     """The same throw, but that a hand caught the ball in mid-air and holds it."""
-    (ball,) = observation.objects
-    times, positions = ball.trajectory.times, ball.trajectory.positions.copy()
-    caught = np.searchsorted(times, 0.3)
-    noise = np.random.default_rng(0).normal(0.0, 0.003, positions[caught:].shape)
-    positions[caught:] = positions[caught] + noise
-    return replace(observation, objects=(replace(ball, trajectory=Trajectory(times, positions)),))
+
+    def way(times, positions):
+        caught = np.searchsorted(times, 0.3)
+        noise = np.random.default_rng(0).normal(0.0, 0.003, positions[caught:].shape)
+        positions[caught:] = positions[caught] + noise
+        return positions
+
+    return rerouted(observation, way)
 
 
 @pytest.mark.parametrize("disturbed", [kicked, held])
@@ -352,17 +350,15 @@ def gliding(glides):
         (ball,) = observation.objects
         state, level = ball.initial_state, np.array([1.0, 1.0, 0.0])
         height = [0.0, 0.0, ball.object.shape.radius]
-        positions = ball.trajectory.positions * level + height
-        positions += generator.normal(0.0, 0.002, positions.shape)
+        noise = generator.normal(0.0, 0.002, (12, 3))
         state = replace(
             state,
             position=state.position * level + height,
             linear_velocity=state.linear_velocity * level,
             covariance=np.diag(np.repeat([1.0, 0.0, 0.0, 0.0], 3)) * 0.002**2,
         )
-        trajectory = Trajectory(ball.trajectory.times, positions)
-        return replace(
-            observation, objects=(replace(ball, trajectory=trajectory, initial_state=state),)
+        return rerouted(
+            observation, lambda _, path: path * level + height + noise, initial_state=state
         )
 
     return make
@@ -457,14 +453,13 @@ def test_what_is_gone_counts_while_it_agrees_with_a_refit(glide, gliding, away):
     learner = OnlineLearner(glide, OPTIONS)
     learner.learn_from_all([gliding(generator, 0.8) for _ in range(7)])
     state = learner.state
-    place = parameter_names(state.materials).index("restitution[ball, floor]")
     mean, matrix = state.unit.copy(), np.zeros_like(state.posterior.precision)
-    mean[place] -= away
-    matrix[place, place] = state.posterior.precision[place, place]
+    mean[E] -= away
+    matrix[E, E] = state.posterior.precision[E, E]
     state.retired = state.retired.joined(Gaussian.about(mean, matrix))
     learner.learn_from(gliding(generator, 0.8))
     assert restitution(state.published)[0] == pytest.approx(0.8, abs=0.01)
-    assert bool(state.retired.precision[place, place]) == (away == 0.0)
+    assert bool(state.retired.precision[E, E]) == (away == 0.0)
 
 
 @pytest.mark.parametrize("text", ["", "{}", '{"format": "other"}', "[1]", '{"format": 3}'])
@@ -579,15 +574,14 @@ def test_what_only_has_to_be_large_enough_is_an_interval(glide, gliding):
     # f(e) = min(e, 0.6): all e from 0.6 on glide alike.
     generator = np.random.default_rng(35)
     learner = OnlineLearner(type(glide)(lambda e: np.minimum(e, 0.6)), OPTIONS)
-    place = parameter_names(("ball", "floor")).index("restitution[ball, floor]")
     for _ in range(8):
         learner.learn_from(gliding(generator, 0.6))
     published = learner.state.published
-    low, high = published.intervals[place]
+    low, high = published.intervals[E]
     assert low == pytest.approx(0.6, abs=0.03)
     assert high == pytest.approx(1.0, abs=0.03)
-    assert np.isnan(np.delete(published.intervals, place, axis=0)).all()
-    draws = published.posterior.draw(4000, np.random.default_rng(0))[:, place]
+    assert np.isnan(np.delete(published.intervals, E, axis=0)).all()
+    draws = published.posterior.draw(4000, np.random.default_rng(0))[:, E]
     assert np.quantile(draws, [0.1, 0.9]) == pytest.approx([0.64, 0.96], abs=0.03)
     # Bound on both sides there is none.
     learner = OnlineLearner(glide, OPTIONS)
@@ -604,8 +598,7 @@ def test_what_an_earlier_fit_disagrees_with_is_less_certain(glide, gliding, away
         learner.learn_from(gliding(generator, 0.8))
     state = learner.state
     assert [each.used for each in state.refitted] == [4, 8]
-    place = parameter_names(state.materials).index("restitution[ball, floor]")
-    state.refitted[0].unit[place] += away
+    state.refitted[0].unit[E] += away
     learner.learn_from(gliding(generator, 0.8))
     _, deviation = restitution(state.published)
     if away:
@@ -619,9 +612,8 @@ def test_what_an_earlier_fit_disagrees_with_is_less_certain(glide, gliding, away
 
 def replace_value(learned, value, deviation):
     parameters = learned.parameters.with_pair("ball", "floor", restitution=value)
-    place = parameter_names(learned.materials).index("restitution[ball, floor]")
     deviations = np.full(len(learned.identified), np.nan)
-    deviations[place] = deviation
+    deviations[E] = deviation
     return LearnedParameters(
         parameters, deviations, np.isfinite(deviations), 0, float("nan"), 0, ""
     )
@@ -640,10 +632,9 @@ def test_a_value_that_is_held_never_moves(store, glide, gliding, value):
     learning = learn_all(store, glide)
     newest = store.newest_parameters()
     assert restitution(newest) == restitution(held) == (value, 0.0)
-    place = parameter_names(newest.materials).index("restitution[ball, floor]")
     state = learning.learner.state
-    assert all(place not in member.likelihood.parameters for member in state.window)
-    assert newest.given.fixed[place]
+    assert all(E not in member.likelihood.parameters for member in state.window)
+    assert newest.given.fixed[E]
 
 
 def test_others_are_learned_beside_a_value_that_is_held(event_driven, throws, true_parameters):
@@ -675,9 +666,8 @@ def test_a_prior_counts_as_the_inverse_of_its_variance(glide, gliding):
     free = OnlineLearner(glide, OPTIONS)
     free.learn_from_all(observations)
     value, deviation = restitution(free.state.published)
-    place = parameter_names(free.state.materials).index("restitution[ball, floor]")
-    information = free.state.posterior.precision[place, place]
-    slope = free.state.space.slopes(free.state.unit)[place, place]
+    information = free.state.posterior.precision[E, E]
+    slope = free.state.space.slopes(free.state.unit)[E, E]
     deviation = slope / np.sqrt(information)
     prior = given_restitution(value + 2.0 * deviation, deviation, PRIOR)
     learner = OnlineLearner(glide, OPTIONS)

@@ -7,10 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from intuitive_physics.materials import StaticParameters
-from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner import TrajectoryCost
-from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.fit_horizons import TrajectoryFits
 from intuitive_physics_learner.joint_estimation.joint_fit import FIXED_HORIZONS, JointFit
@@ -32,7 +29,8 @@ from intuitive_physics_learner.joint_estimation.scans import (
     scanned_states,
     tried_parameters,
 )
-from intuitive_physics_learner.search.learning_task import LearningTask
+
+from .cases import task_of
 
 LEVELS = np.array([0.1, 0.5, 0.9])
 
@@ -93,11 +91,7 @@ def test_initial_states_are_the_ridge_regression_of_each_level(gliding_task):
 def test_a_step_of_initial_states_that_explains_less_is_not_taken(event_driven, throws):
     # At other θ_s balls bounce elsewhere, where slopes at the estimate say nothing.
     cost = TrajectoryCost(throws(8, 0, noise=0.003, state_noise=0.01, times=24), event_driven)
-    influence = parameter_influence(cost.observations, cost.materials)
-    space = ParameterSpace(cost.materials)
-    start = StaticParameters.uniform(cost.materials)
-    task = LearningTask(cost, space, influence, start)
-    fit = JointFit(task.fit_task, JointEstimationSettings(scan_steps=()))
+    fit = JointFit(task_of(cost).fit_task, JointEstimationSettings(scan_steps=()))
     for _ in range(20):
         fit.step()
     model, estimate = fit.model, fit.estimate

@@ -122,7 +122,7 @@ def test_resumes_exactly():
     stopped = search_of("hybrid_random")
     stopped.run(ConvergenceCriteria(333))
     resumed = search_of("hybrid_random", seed=99)
-    resumed.load_state(json.loads(json.dumps(stopped.state_dict(), allow_nan=False)))
+    resumed.load_state(json.loads(json.dumps(stopped.state(), allow_nan=False)))
     result = resumed.run(ConvergenceCriteria(700))
     assert (result.history == whole.history).all()
     assert (result.parameters.coefficients == whole.parameters.coefficients).all()

@@ -9,20 +9,19 @@ from hypothesis import strategies as st
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, ObservedObject
-from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import TrajectoryCost
-from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.fit_horizons import RETREAT
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.scans import other_spins
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
-from intuitive_physics_learner.search.learning_task import LearningTask
+
+from .cases import task_of
 
 SETTINGS = JointEstimationSettings()
 FLOOR = Environment([Plane("floor", "floor", (0, 0, 1), 0.0)])
@@ -56,9 +55,7 @@ def model_of(spin, parameters=GRIPPY, known=False):
         Observation(FLOOR, (ObservedObject(ball, Trajectory(TIMES, noisy), believed),), 0.0)
     ]
     cost = TrajectoryCost(observed, make_simulator("event_driven"))
-    space, influence = ParameterSpace(cost.materials), parameter_influence(observed, cost.materials)
-    task = LearningTask(cost, space, influence, parameters)
-    return TrajectoryModel(task.fit_task, SETTINGS.largest_advance)
+    return TrajectoryModel(task_of(cost, parameters).fit_task, SETTINGS.largest_advance)
 
 
 def other_spin(model):

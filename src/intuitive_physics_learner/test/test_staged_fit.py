@@ -9,17 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from intuitive_physics.materials import StaticParameters
-from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import TrajectoryCost
-from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.wrapped_costs import PartialCost
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings, order_of_fits
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.order_of_fits import StagedFit, separable
-from intuitive_physics_learner.search.learning_task import FitTask, LearningTask
+from intuitive_physics_learner.search.learning_task import FitTask
 from intuitive_physics_learner.search.search_space import ActiveSpace
+
+from .cases import task_of
 
 STEPS = 4
 
@@ -65,10 +64,7 @@ def task(event_driven, throws):
         )
         for observation in observed[6:]
     ]
-    cost = TrajectoryCost([*both, *alone], event_driven)
-    influence = parameter_influence(cost.observations, cost.materials)
-    start = StaticParameters.uniform(cost.materials)
-    return LearningTask(cost, ParameterSpace(cost.materials), influence, start)
+    return task_of(TrajectoryCost([*both, *alone], event_driven))
 
 
 def fit_of(task):

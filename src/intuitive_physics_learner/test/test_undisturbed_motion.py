@@ -5,7 +5,6 @@ import pytest
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, ObservedObject
-from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.state import ObjectState
@@ -19,9 +18,9 @@ from intuitive_physics_learner.assessment.undisturbed_motion import (
     _states_at,
     undisturbed_misfits,
 )
-from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_search.joint_search import JointSearch
-from intuitive_physics_learner.search.learning_task import LearningTask
+
+from .cases import task_of
 
 MATERIALS = ("thing", "floor")
 G = np.array([0.0, 0.0, -9.81])
@@ -69,10 +68,7 @@ def test_a_kick_in_motion_or_at_rest_is_no_undisturbed_motion(event_driven, shap
     generator = np.random.default_rng(3)
     observed = [thrown(event_driven, shape, generator, kick if k == 2 else None) for k in range(8)]
     cost = TrajectoryCost(observed, event_driven, MATERIALS)
-    influence = parameter_influence(observed, MATERIALS)
-    task = LearningTask(
-        cost, ParameterSpace(MATERIALS), influence, StaticParameters.uniform(MATERIALS)
-    )
+    task = task_of(cost)
     search = JointSearch(task, np.random.default_rng(0))
     for _ in range(12):
         search.step(1000)

@@ -36,7 +36,7 @@ from intuitive_physics_learner.assessment.motion_laws import (
     rest_violation,
 )
 from intuitive_physics_learner.assessment.reasons import Reason
-from intuitive_physics_learner.assessment.tracks import tracks_of
+from intuitive_physics_learner.assessment.tracks import track_of
 from intuitive_physics_learner.cost.point_noise import detected, track_noises
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
 
@@ -53,11 +53,8 @@ losses of ten to twenty segments of six points has 0.14 to 0.17, and motions are
 SMALLEST_LOG_P = -25.0
 """Logarithm of a p value at least: no noise model holds further out."""
 
-ALTERNATIVE_POWER = 0.2
-"""A of the density Beta(a, 1) of p of disturbed ones, set by hand."""
-
-DISTURBED_PRIOR = (1.0, 9.0)
-"""Beta prior of the share of disturbed observations, set by hand."""
+ALTERNATIVE_POWER, DISTURBED_PRIOR = 0.2, (1.0, 9.0)
+"""A of the density Beta(a, 1) of p of disturbed ones, Beta prior of their share; set by hand."""
 
 LARGEST_SHARE = 0.5
 """Share of disturbed observations at most: most are good."""
@@ -72,17 +69,10 @@ MIXTURE_STEPS = 100
 def assess_observations(
     observations: Sequence[Observation], trusted: Collection[str] = ()
 ) -> tuple[list[Observation], list[Assessment]]:
-    """Test laws of motion on each observation.
+    """Test laws of motion on each observation, which has detections if it was smoothed.
 
-    Parameters
-    ----------
-    observations : with detections where they were smoothed
-    trusted : ids of those that a user holds for good: they are assessed, but never doubtful
-
-    Returns
-    -------
-    clean : the observations, those that are doubtful up to where they were disturbed
-    assessments : of each, in the same order
+    Those whose ids are `trusted` by a user are assessed, but never doubtful. Returns the
+    observations, doubtful ones up to where they were disturbed, and the assessment of each.
     """
     all_violations = violations_of(observations)
     assessments = assessed_by_laws(
@@ -105,20 +95,17 @@ def assess_observations(
 def violations_of(observations: Sequence[Observation]) -> list[list[Violation]]:
     """Test laws of motion on each observation."""
     tested = [detected(observation) for observation in observations]
-    tracks = [
-        tracks_of(observation, [each.whitening for each in noise])
-        for observation, noise in zip(tested, track_noises(tested), strict=True)
-    ]
     laws = (jump_violation, flight_violation, rest_violation)
-    tests = [[law(track) for track in each for law in laws] for each in tracks]
-    return [[violation for violation in each if violation is not None] for each in tests]
+    found = []
+    for observation, noises in zip(tested, track_noises(tested), strict=True):
+        tracks = [track_of(observation, k, noise.whitening) for k, noise in enumerate(noises)]
+        tests = [law(track) for track in tracks for law in laws]
+        found.append([violation for violation in tests if violation is not None])
+    return found
 
 
 def assessed_by_laws(
-    ids: Sequence[str],
-    log_ps: Sequence[float],
-    reasons: Sequence[str],
-    trusted: Collection[str],
+    ids: Sequence[str], log_ps: Sequence[float], reasons: Sequence[str], trusted: Collection[str]
 ) -> list[Assessment]:
     """Assess observations by the p value of each, with the reason if it is doubtful."""
     weights = good_probabilities(np.array(log_ps)).tolist()
@@ -186,10 +173,7 @@ on an observation is not used."""
 
 
 def clean_part(observation: Observation, until: float) -> Observation:
-    """Return an observation up to a time, and with a few points after its start in any case.
-
-    `until` in s, on the clock of its trajectories.
-    """
+    """Return an observation up to a time (its clock, s), with a few points in any case."""
     objects = tuple(_cut(each, until, observation.start_time) for each in observation.objects)
     return replace(observation, objects=objects)
 

@@ -18,19 +18,13 @@ from intuitive_physics_learner.assessment.tracks import Track
 FLIGHT_POINTS = (7, 12, 24)
 """Numbers of neighbouring points to which a free flight is fitted."""
 
-CLEARANCE = 0.02
-"""Smallest gap between an object in free flight and all that it may touch, set by hand, m."""
+CLEARANCE, CLEAR_NOISES = 0.02, 2.0
+"""Smallest gap between an object in free flight and all that it may touch, m, and what is added to
+it, in standard deviations of the noise; set by hand."""
 
-CLEAR_NOISES = 2.0
-"""Gap that a free flight keeps beyond `CLEARANCE`, in standard deviations of the noise."""
-
-FLIGHT_ACCELERATION = 0.5
-"""Standard deviation of an acceleration beyond g, m/s²: drag of a tennis ball at 5 m/s, or a
-vertical that is 3 degrees off."""
-
-AIR_ACCELERATION = 10.0
-"""Standard deviation of an acceleration beyond g of an object with drag or Magnus force, which may
-be as light as a balloon, m/s²."""
+FLIGHT_ACCELERATION, AIR_ACCELERATION = 0.5, 10.0
+"""Standard deviations of an acceleration beyond g, m/s²: drag of a tennis ball at 5 m/s, or a
+vertical that is 3 degrees off; and with drag or Magnus force, of what may be light as a balloon."""
 
 JUMP_DURATION = 0.15
 """Longest time between points of a jump, s."""
@@ -41,14 +35,9 @@ IMPULSE_POINTS = 12
 STEADY_P = 0.01
 """P value of the scatter of points above which these are steady."""
 
-SIDE_GAP = 0.1
-"""Gap to walls and other objects that a test of what rests asks for, m."""
-
-REST_POINTS = 24
-"""Points over which an object rests."""
-
-HEIGHT_ERROR = 0.05
-"""Error of a resting object's height, of shape and plane, m."""
+REST_POINTS, SIDE_GAP, HEIGHT_ERROR = 24, 0.1, 0.05
+"""Points over which an object rests; gap to walls and other objects that its test asks for, m; and
+error of its height, of shape and plane, m."""
 
 HOLD_DURATION = 1.0
 """Time that a hand takes to catch and carry an object, s."""
@@ -63,13 +52,11 @@ LARGEST_BEND = 3.0
 
 
 def flight_violation(track: Track) -> Violation | None:
-    """Fit free flights to windows of points between which nothing can be touched.
+    """Fit free flights to windows of points between which nothing can be touched, if there are any.
 
     The acceleration is gravity plus an unknown one, normal about 0. What is left must be noise, and
     an impulse in the middle must not explain more of it than of noise. One point of each window
     does not count, the one that fits worst, so that an outlier alone violates nothing.
-
-    Returns None where there is no such window.
     """
     free = free_intervals(track)
     begins, ends, log_ps = [], [], []
@@ -92,7 +79,7 @@ def flight_violation(track: Track) -> Violation | None:
         ends.append(track.times[starts + count - 1])
     if not log_ps:
         return None
-    return violations_of(
+    return worst_violation(
         np.concatenate(log_ps), np.concatenate(begins), np.concatenate(ends), Reason.NOT_FREE
     )
 
@@ -129,10 +116,7 @@ def _differences(gaps: NDArray[np.float64]) -> NDArray[np.float64]:
 def flight_losses(
     track: Track, starts: NDArray[np.int64], count: int, *, impulse: bool = False
 ) -> NDArray[np.float64]:
-    """Return the least sums of squares (w,), without a unit, that remain without the worst point.
-
-    `starts` (w,) index of the first point of each window.
-    """
+    """Least sums of squares (w,), without the worst point, of windows begun at `starts` (w,)."""
     index = starts[:, None] + np.arange(count)
     times = track.times[index]
     times = times - times.mean(axis=1, keepdims=True)
@@ -178,7 +162,7 @@ def jump_violation(track: Track) -> Violation | None:
     bent = LARGEST_BEND * float(np.linalg.norm(track.gravity)) * duration**2
     away = np.min([_away(track, places + a, places + b, bent) for a, b in JUMP_ENDS], axis=0)
     near = track.times[places + 2] - track.times[places - 1] <= JUMP_DURATION
-    return violations_of(
+    return worst_violation(
         _log_chi2_tail(away[near] ** 2, 3),
         track.times[places[near]],
         track.times[places[near] + 1],
@@ -219,10 +203,7 @@ def _steady(values: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[
 
 
 def rest_violation(track: Track) -> Violation | None:
-    """Test whether what rests does so at a height that its shape can have on a plane.
-
-    Where a wall or another object is within reach it may lean.
-    """
+    """Test whether what rests, with nothing to lean on, has a height that its shape can have."""
     count = REST_POINTS
     places = np.arange(len(track.times) - count + 1)
     if len(track.times) < count or not track.gravity.any():
@@ -236,7 +217,7 @@ def rest_violation(track: Track) -> Violation | None:
     off = np.abs(heights[:, None] - track.resting_heights).min(axis=1) - HEIGHT_ERROR
     scores = np.maximum(off, 0.0) / np.sqrt((noise**2).mean(axis=1) / count)
     begins = track.times[index[:, 0]]
-    return violations_of(
+    return worst_violation(
         (log_ndtr(-scores) + np.log(2.0))[where],
         (begins - HOLD_DURATION)[where],
         begins[where],
@@ -267,7 +248,7 @@ NOTABLE_LOG_P = -7.0
 where the track as a whole violates the law."""
 
 
-def violations_of(
+def worst_violation(
     log_ps: NDArray[np.float64],
     begins: NDArray[np.float64],
     ends: NDArray[np.float64],

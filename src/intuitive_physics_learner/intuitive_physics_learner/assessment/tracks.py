@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -59,15 +58,8 @@ class Track:
         return np.asarray(np.sqrt(np.trace(covariances, axis1=1, axis2=2) / 3.0))
 
 
-def tracks_of(observation: Observation, whitenings: Sequence[NDArray[np.float64]]) -> list[Track]:
-    """Prepare the tracks of an observation.
-
-    `whitenings` (n, 3, 3) of each object, 1/m.
-    """
-    return [_track(observation, number, whitening) for number, whitening in enumerate(whitenings)]
-
-
-def _track(observation: Observation, number: int, whitening: NDArray[np.float64]) -> Track:
+def track_of(observation: Observation, number: int, whitening: NDArray[np.float64]) -> Track:
+    """Prepare the track of an observation's object of that number; `whitening` (n, 3, 3) 1/m."""
     observed = observation.objects[number]
     times, positions = observed.trajectory.times, observed.trajectory.positions
     radius = observed.object.shape.bounding_radius

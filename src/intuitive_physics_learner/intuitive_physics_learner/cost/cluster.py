@@ -126,12 +126,8 @@ class CostMaker:
     ) -> Cost:
         """Return J of observations, as `TrajectoryCost` takes them.
 
-        The simulator should use one thread: the cluster knows how many a worker has.
-
-        Raises
-        ------
-        ClusterError
-            When the scheduler does not answer or has no workers.
+        The simulator should use one thread: the cluster knows how many a worker has. Raises
+        `ClusterError` when the scheduler does not answer or has no workers.
         """
         if not self._where:
             return TrajectoryCost(observations, simulator, materials, distance)

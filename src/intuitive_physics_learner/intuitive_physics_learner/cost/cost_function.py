@@ -18,11 +18,7 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, observation_materials
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.trajectory import DISTANCES, LARGEST_DISTANCE, MEAN_DISTANCE
-from intuitive_physics_learner.cost.packed_observations import (
-    PackedObservations,
-    packed_in_groups,
-    times_after_start,
-)
+from intuitive_physics_learner.cost.packed_observations import PackedObservations, packed_in_groups
 from intuitive_physics_learner.cost.trials import Trials
 from intuitive_physics_learner.errors import NoObservationsError
 
@@ -46,13 +42,8 @@ class Cost(ABC):
 
     Attributes
     ----------
-    observations : Y
-    materials : names
     trajectory_observation : (n_trajectories,) index of the observation each trajectory is from
     trajectory_object : (n_trajectories,) index of its object in that observation
-    trajectory_points : (n_trajectories,) number of its points that count
-    point_trajectory : (n_points,) index of the trajectory each point of `residuals` is from; the
-        points of a trajectory stand together, in the order of their times
     threads : of those who evaluate it, among which they may share work of their own
 
     Raises
@@ -69,15 +60,9 @@ class Cost(ABC):
         self.threads = 1
         self.observations = tuple(observations)
         self.materials = tuple(materials or observation_materials(observations))
-        owned = [
-            (i, j, int((times_after_start(observation, track) >= 0.0).sum()))
-            for i, observation in enumerate(observations)
-            for j, track in enumerate(observation.objects)
-        ]
-        self.trajectory_observation, self.trajectory_object, self.trajectory_points = np.array(
-            owned
-        ).T
-        self.point_trajectory = np.repeat(np.arange(len(owned)), self.trajectory_points)
+        counts = [len(observation.objects) for observation in observations]
+        self.trajectory_observation = np.repeat(np.arange(len(counts)), counts)
+        self.trajectory_object = np.concatenate([np.arange(count) for count in counts])
 
     @property
     def largest_share(self) -> int:
@@ -91,7 +76,7 @@ class Cost(ABC):
     def observation_costs(self, candidates: Sequence[StaticParameters]) -> NDArray[np.float64]:
         """Mean over the objects of each observation, shape (n_candidates, n_observations), in m."""
         distances = self.distances(candidates)
-        objects = np.bincount(self.trajectory_observation, minlength=len(self.observations))
+        objects = np.bincount(self.trajectory_observation)
         sums = np.zeros((len(distances), len(self.observations)))
         np.add.at(sums.T, self.trajectory_observation, distances.T)
         return sums / objects
@@ -102,17 +87,6 @@ class Cost(ABC):
         by_trial = self.trial_distances(Trials.crossed(candidates, count))
         by_object = by_trial.reshape(len(candidates), count, -1)
         return by_object[:, self.trajectory_observation, self.trajectory_object]
-
-    def residuals(self, candidates: Sequence[StaticParameters]) -> NDArray[np.float64]:
-        """Simulated minus observed position, shape (n_candidates, n_points, 3), in m.
-
-        NaN where a world did not simulate to its end.
-        """
-        count = len(self.observations)
-        by_trial = self.trial_residuals(Trials.crossed(candidates, count))
-        points = np.bincount(self.trajectory_observation, self.trajectory_points, count)
-        there = np.arange(by_trial.shape[1]) < points[:, None]
-        return by_trial.reshape(len(candidates), count, -1, 3)[:, there]
 
     @abstractmethod
     def trial_distances(self, trials: Trials) -> NDArray[np.float64]:
@@ -145,17 +119,8 @@ class TrajectoryCost(Cost):
     interpolation of Eq. 5 is not needed. Points before an observation's start time are left out, as
     `trajectory.synchronise` leaves out points that the simulated trajectory does not span.
 
-    Parameters
-    ----------
-    observations : Y, at least one
-    simulator : the engine that makes X
-    materials : of the θ_s that will be judged, in their order; by default those of the observations
-    distance : one of `trajectory.DISTANCES`
-
-    Raises
-    ------
-    UnknownNameError
-        When no distance has that name.
+    `distance` is one of `trajectory.DISTANCES`, else it raises `UnknownNameError`; observations and
+    materials are as in `Cost`.
     """
 
     def __init__(
@@ -227,10 +192,7 @@ class _Simulated:
     failed: NDArray[np.bool_]
 
     def residuals(self, points: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the offsets (N, P, 3) in m of some points, as `Cost.trial_residuals`.
-
-        `points` (W, P) of each observation of the group, as `PackedObservations.points`.
-        """
+        """Return offsets (N, P, 3) m of points (W, P), given as `PackedObservations.points`."""
         count, objects, simulated = self.counted.shape
         owner, column = np.divmod(points, self.group.has_point.shape[2])
         there = (points >= 0) & (column < simulated)

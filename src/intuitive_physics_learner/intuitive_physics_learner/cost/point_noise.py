@@ -36,7 +36,6 @@ POOLED_DIFFERENCES = 20.0
 """Differences as which the noise of all tracks counts beside a track's own: the median of as many
 has a relative error of a quarter."""
 
-
 MEDIAN_LENGTH_3 = 1.5381722544550522
 """Median of the length of three independent standard normal components: √(median of χ²₃)."""
 
@@ -105,10 +104,7 @@ def _detections_of(track: ObservedObject) -> Detections | None:
 
 
 def _unit_whitening(track: ObservedObject) -> NDArray[np.float64]:
-    """Whitening (n, 3, 3) by the covariances of the detections; the identity where there are none.
-
-    With C = L Lᵀ it is L⁻¹.
-    """
+    """Whitening (n, 3, 3) by the covariances C = L Lᵀ of the detections, L⁻¹; 1 without these."""
     count = len(track.trajectory.times)
     detections = _detections_of(track)
     if detections is None:

@@ -51,10 +51,7 @@ class Trials:
         )
 
     def taken(self, trials: NDArray[np.int64]) -> Trials:
-        """Return some trials, with only the θ_s they need.
-
-        `trials` (k,) indices, in the order wanted.
-        """
+        """Return some, `trials` (k,) by index in the order wanted, with only the θ_s they need."""
         used, index = np.unique(self.parameter_index[trials], return_inverse=True)
         return Trials(
             [self.parameters[i] for i in used],

@@ -22,15 +22,8 @@ REMEMBERED = 64
 class InterruptibleCost(Cost):
     """Another cost, evaluated in small shares between which it can be cancelled.
 
-    Parameters
-    ----------
-    cost : what evaluates J
-    cancelled : polled before each share
-
-    Raises
-    ------
-    LearningCancelledError
-        From its methods, when `cancelled` returned True.
+    `cancelled` is polled before each share; its methods raise `LearningCancelledError` when it
+    returned True.
     """
 
     def __init__(self, cost: Cost, cancelled: Callable[[], bool]) -> None:
@@ -94,10 +87,7 @@ class CachedCost(Cost):
 
 
 class PartialCost(Cost):
-    """J over some of the observations of another cost.
-
-    `members` (n_members,) indices of the observations that are left, at least one.
-    """
+    """J over some observations of another cost, at least one: `members` (n_members,) by index."""
 
     def __init__(self, cost: Cost, members: NDArray[np.int64]) -> None:
         super().__init__([cost.observations[i] for i in members], cost.materials)

@@ -1,8 +1,12 @@
 """Bayesian experimental design: the most informative throw for a question."""
 
 from intuitive_physics_learner.design.questions import AboutMotion, AboutParameters, Question
-from intuitive_physics_learner.design.stored_suggestion import SuggestionRequest, suggest_from_store
-from intuitive_physics_learner.design.suggestion import Suggestion, suggest
+from intuitive_physics_learner.design.suggestion import (
+    Suggestion,
+    SuggestionRequest,
+    suggest,
+    suggest_from_store,
+)
 from intuitive_physics_learner.design.throws import (
     Throw,
     ThrownObject,

@@ -41,12 +41,9 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
 )
 from intuitive_physics_learner.search.gaussian import Gaussian
 
-PARAMETER_STEP = 0.005
-"""Width of the differences along parameters: small, as draws cover the posterior; set by hand."""
-
-STATE_STEP = 0.002
-"""Width of the differences along components of initial states (m, m/s, rad or rad/s); set by
-hand."""
+PARAMETER_STEP, STATE_STEP = 0.005, 0.002
+"""Widths of the differences along parameters, small as draws cover the posterior, and along
+components of initial states (m, m/s, rad or rad/s); set by hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,10 +173,7 @@ def _filtered(
     at: ParameterSteps,
     viewing: ViewingConditions,
 ) -> NDArray[np.float64]:
-    """Covariance (W, q, q) of each throw's parameters after its track, in widths².
-
-    `prior` (W, q, q) covariance of each one's parameters before the throw, in widths².
-    """
+    """Covariance (W, q, q) in widths² of each throw's parameters after it; `prior` before it."""
     noise = viewing.noise
     count, k, points = linear.slopes.shape[:3]
     d = block.prior_deviations.shape[1]

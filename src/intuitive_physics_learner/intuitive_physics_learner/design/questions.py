@@ -82,10 +82,7 @@ class AboutParameters(Question):
     def directions(
         self, posterior: ParameterPosterior, simulator: Simulator, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """One for each parameter asked about, zero for all others.
-
-        Returns (r, n) units of the functions per width.
-        """
+        """One for each parameter asked about, zero for others: (r, n) units per width."""
         return np.eye(posterior.mean.size)[self.indices(posterior.space.names)]
 
     def indices(self, all_names: Sequence[str]) -> list[int]:
@@ -142,10 +139,7 @@ class AboutMotion(Question):
     def directions(
         self, posterior: ParameterPosterior, simulator: Simulator, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Slopes of the linear function that is closest to the answer over draws.
-
-        Returns (r, n) units of the functions per width.
-        """
+        """Slopes (r, n) per width of the linear function closest to the answer over draws."""
         scene_posterior = posterior.extended(self.scene.materials)
         units = scene_posterior.draw(QUERY_DRAWS, rng)
         answers = self._answers(

@@ -154,16 +154,8 @@ class ViewingConditions:
     def with_starts(self, options: ThrowOptions) -> ViewingConditions:
         """Return the same with all in view from where objects may be thrown."""
         starts = [thrown.ranges.position for cast in options.casts for thrown in cast]
-        return replace(
-            self,
-            region=np.stack(
-                [
-                    np.min([self.region[:, 0], *(each[:, 0] for each in starts)], axis=0),
-                    np.max([self.region[:, 1], *(each[:, 1] for each in starts)], axis=0),
-                ],
-                axis=1,
-            ),
-        )
+        low, high = np.moveaxis(np.array([self.region, *starts]), 2, 0)
+        return replace(self, region=np.stack([low.min(axis=0), high.max(axis=0)], axis=1))
 
     def observation(self, scene: Scene) -> Observation:
         """Return an observation of a throw with its detections still to be simulated, all zero."""
@@ -344,10 +336,7 @@ class Throw:
 
     @property
     def widths(self) -> NDArray[np.float64]:
-        """Widths of the ranges of each object, (n_objects, 12), in the order of the state's errors.
-
-        Zero for orientations, which are not thrown for.
-        """
+        """Widths of the ranges, (n_objects, 12) as errors of a state; zero for orientations."""
         widths = np.zeros((len(self.cast), ERROR_SIZE))
         for row, thrown in zip(widths, self.cast, strict=True):
             row[[0, 1, 2, 6, 7, 8, 9, 10, 11]] = thrown.ranges.widths

@@ -8,10 +8,8 @@ them. Where a fit fails nevertheless, its horizon retreats to before the failure
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +19,7 @@ from scipy.stats import binom, chi
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.normal_equations import robust_loss
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
+from intuitive_physics_learner.search.plain_state import Resumable
 
 LARGEST_STATE_DEVIATION = 0.3
 """Standard deviation of a component of an initial state (m, m/s, rad or rad/s) that the first
@@ -62,7 +61,7 @@ so that losses can be compared, and longer than those of fits."""
 
 
 @dataclass(eq=False)
-class TrajectoryFits:
+class TrajectoryFits(Resumable):
     """The initial states and fit horizons of a block's W observations.
 
     Parameters
@@ -83,6 +82,8 @@ class TrajectoryFits:
     farthest: NDArray[np.float64]
     retreats: NDArray[np.int64]
 
+    remembered = ("estimate", "deviations", "horizons", "misfits", "farthest", "retreats")
+
     @staticmethod
     def initial(block: ObservationBlock) -> TrajectoryFits:
         """Return the observed initial states with the first horizons."""
@@ -102,11 +103,7 @@ class TrajectoryFits:
         estimates: NDArray[np.float64],
         residuals: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        """Loss (c, W), without a unit, of each observation up to its horizon.
-
-        `estimates` (c, W, d) deviations from the observed initial states, in SI units; `residuals`
-        (c, W, P, 3) m, of simulations from these initial states.
-        """
+        """Losses (c, W) up to the horizons; `estimates` (c, W, d), `residuals` (c, W, P, 3) m."""
         lengths = np.linalg.norm(block.whitened(residuals), axis=3)
         lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
         counted = block.times <= self.horizons[:, None]
@@ -116,10 +113,7 @@ class TrajectoryFits:
     def draws(
         self, generator: np.random.Generator, covariances: NDArray[np.float64], count: int
     ) -> NDArray[np.float64]:
-        """Draw nuisance parameters (count, W, d), in SI units, the first of them the estimate.
-
-        `covariances` (W, d, d) of the nuisance parameters.
-        """
+        """Draw nuisance parameters (count, W, d), first the estimate; `covariances` (W, d, d)."""
         values, vectors = np.linalg.eigh(covariances)
         factors = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
         normal = generator.normal(size=(count, *self.estimate.shape))
@@ -127,17 +121,12 @@ class TrajectoryFits:
         return np.asarray(self.estimate + np.einsum("wij,cwj->cwi", factors, normal))
 
     def advance(
-        self,
-        block: ObservationBlock,
-        residuals: NDArray[np.float64],
-        goals: NDArray[np.float64],
+        self, block: ObservationBlock, residuals: NDArray[np.float64], goals: NDArray[np.float64]
     ) -> bool:
-        """Move horizons to their goals; where there is a misfit, to before it.
+        """Move horizons to `goals` (W,) s, or before a misfit in `residuals` (W, P, 3) m.
 
-        One that has retreated `MOST_RETREATS` times and got no farther stays.
-
-        `residuals` (W, P, 3) m, of the present estimate; `goals` (W,) s, to which horizons may
-        advance. Returns whether any horizon got farther than before.
+        One that has retreated `MOST_RETREATS` times and got no farther stays. Returns whether any
+        horizon got farther than before.
         """
         starts = self.note_misfits(block, residuals)
         self.retreats[self.misfits] += 1
@@ -153,23 +142,10 @@ class TrajectoryFits:
     def note_misfits(
         self, block: ObservationBlock, residuals: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Note which fits fail; return when each begins to, (W,) s, as `misfit_starts`.
-
-        `residuals` (W, P, 3) m, of the present estimate.
-        """
+        """Note which fits fail by residuals (W, P, 3) m; return `misfit_starts` (W,) s."""
         starts = misfit_starts(block, residuals, self.horizons)
         self.misfits = np.isfinite(starts)
         return starts
-
-    def state(self) -> dict[str, Any]:
-        """Return plain data from which `load_state` restores these fits."""
-        return {name: array.tolist() for name, array in vars(self).items()}
-
-    def load_state(self, state: Mapping[str, Any]) -> None:
-        """Restore what `state` returned."""
-        for name, values in state.items():
-            array = getattr(self, name)
-            setattr(self, name, np.array(values, dtype=array.dtype).reshape(array.shape))
 
 
 def first_horizons(block: ObservationBlock) -> NDArray[np.float64]:
@@ -183,10 +159,7 @@ def first_horizons(block: ObservationBlock) -> NDArray[np.float64]:
 def farthest_horizons(
     block: ObservationBlock, horizons: NDArray[np.float64], largest_advance: float
 ) -> NDArray[np.float64]:
-    """Return the times (W,), in s, that horizons can reach in one step.
-
-    `horizons` (W,) s, the present ones.
-    """
+    """Return the times (W,) in s that horizons (W,) in s can reach in one step."""
     return np.minimum(horizons + largest_advance, block.durations)
 
 
@@ -199,11 +172,8 @@ def advanced_horizons(
 ) -> NDArray[np.float64]:
     """Include points, in the order of time, up to the first one that cannot be predicted.
 
-    A point can be predicted where both the standard deviation of its predicted position and the
-    linearisation error there are small enough.
-
-    `spreads` (W, P) m, standard deviation of the predicted positions; `horizons` (W,) s, the
-    present ones. Returns (W,) s, never below the present horizons.
+    `spreads` (W, P) m, standard deviation of the predicted positions, which must be small, as must
+    linearisation errors; `horizons` (W,) s, the present ones. Returns (W,) s, never below these.
     """
     allowed = LARGEST_BEND * block.noise + LARGEST_BEND_SHARE * spreads
     straight = linear.bends <= allowed

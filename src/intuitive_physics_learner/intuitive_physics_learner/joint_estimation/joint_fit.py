@@ -11,10 +11,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics.prior_knowledge.spin_evidence import (
-    SpinEvidence,
-    SpinLikelihood,
-)
+from intuitive_physics.prior_knowledge.spin_evidence import SpinEvidence, SpinLikelihood
 from intuitive_physics.settings import check_settings, number, other
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     TrajectoryFits,
@@ -23,7 +20,6 @@ from intuitive_physics_learner.joint_estimation.fit_horizons import (
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     Elimination,
-    LocalLikelihood,
     NormalEquations,
     agreement_weights,
     bounded_step,
@@ -39,8 +35,9 @@ from intuitive_physics_learner.joint_estimation.scans import (
 )
 from intuitive_physics_learner.joint_estimation.state_steps import StateSteps
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
-from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
 from intuitive_physics_learner.search.learning_task import FitTask
+from intuitive_physics_learner.search.plain_state import Resumable, restore, state_of
 
 HELD_STEPS = 3
 """Steps of initial states alone by which two θ_s are compared; set by hand."""
@@ -49,17 +46,11 @@ LARGEST_VOTE = 3.0
 """Loss that a single observation counts at most when two θ_s are compared: a likelihood ratio of e³
 ≈ 20, hardly chance."""
 
-FIRST_DAMPING = 1e-2
-"""Damping of the first Levenberg-Marquardt step, a part of the diagonal; set by hand."""
+FIRST_DAMPING, SMALLEST_DAMPING, LARGEST_DAMPING = 1e-2, 1e-6, 1e4
+"""Dampings of Levenberg-Marquardt steps, parts of the diagonal; set by hand."""
 
 DAMPING_FACTORS = (0.1, 1.0, 10.0, 100.0)
 """Factors on the last damping that are tried in one step; set by hand."""
-
-SMALLEST_DAMPING = 1e-6
-"""Damping at least; set by hand."""
-
-LARGEST_DAMPING = 1e4
-"""Damping at most; set by hand."""
 
 LARGEST_MOVE = 0.2
 """Largest move of a parameter in one step, widths; set by hand."""
@@ -75,7 +66,6 @@ set by hand."""
 
 SETTLED_STEPS = 2
 """Consecutive converged steps after which the fit has converged; set by hand."""
-
 
 SMALLEST_RESPONSE = 1e-9
 """m per width of a parameter; a slope below this is rounding."""
@@ -134,15 +124,13 @@ class ObservationFit:
     horizon: float
 
 
-class JointFit:
+class JointFit(Resumable):
     """Fits all trajectories, each from an initial state of its own and up to its fit horizon.
 
     `blocks` the stated ones of a model of the same observations; None: they are made.
 
     Attributes
     ----------
-    prior : that of the task
-    settings : as given
     model : simulates near the estimate, and counts simulations
     estimate : θ_s, initial states and fit horizons
     weights : (n_observations,) with which each counts in what it says of θ_s, since the last step
@@ -150,6 +138,8 @@ class JointFit:
     misfits : share of the observations with a misfit in the last step
     responsive : (n,) bool, which parameters any of the fitted points depends on
     """
+
+    remembered = ("_damping", "_settled", "misfits", "steps", "responsive", "weights")
 
     def __init__(
         self,
@@ -248,11 +238,7 @@ class JointFit:
         deviations: NDArray[np.float64],
         fits: Sequence[ObservationFit | None],
     ) -> None:
-        """Continue from what other fits have found.
-
-        `unit` (n,) θ_s on the unit cube; `deviations` (n,) widths, standard deviation of each
-        parameter.
-        """
+        """Continue from what others found, of θ_s `unit` (n,) and `deviations` (n,), in widths."""
         self.estimate.unit = unit.copy()
         self.estimate.deviations = deviations.copy()
         for block, part in zip(self.model.blocks, self.estimate.fits, strict=True):
@@ -264,13 +250,11 @@ class JointFit:
                     part.horizons[k] = fit.horizon
 
     def return_if_better(self, unit: NDArray[np.float64]) -> bool:
-        """Go back to a θ_s where trajectories fit better from it, up to the present horizons.
+        """Go back to `unit` (n,) where trajectories fit better from it, up to the present horizons.
 
         Both θ_s are held while initial states are fitted, from those found here and from those
-        observed. The gain of a single observation counts up to `largest_vote`, so that no single
-        fit that took a wrong turn decides.
-
-        `unit` (n,) θ_s on the unit cube. Returns whether it was better.
+        observed. The gain of a single observation counts up to `LARGEST_VOTE`, so that no single
+        fit that took a wrong turn decides. Returns whether it was better.
         """
         here, fits = self._held(self.unit, self.observation_fits())
         nothing = [replace(fit, estimate=0.0 * fit.estimate) for fit in fits]
@@ -286,13 +270,11 @@ class JointFit:
         return True
 
     def rises_at(self, moves: Sequence[tuple[int, float]]) -> list[float]:
-        """Return by how much the loss rises where one parameter is held elsewhere, for each move.
+        """Return by how much the loss rises for each move, one parameter by index held at a place.
 
         Observations that depend on it are fitted to it, with all other parameters, by slopes there,
         up to the present horizons and with the present weights. What the others say of these
         parameters stays as it is by the slopes at the estimate.
-
-        `moves` : index of the parameter among all n, and its place on the unit interval.
         """
         likelihoods = self.likelihoods()
         return [self._rise_at(*move, likelihoods) for move in moves]
@@ -333,10 +315,7 @@ class JointFit:
         spins: InitialSpins | None = None,
         blocks: list[ObservationBlock] | None = None,
     ) -> JointFit:
-        """Return a fit by the task's prior that begins there, up to fixed horizons.
-
-        `unit` (n,) θ_s on the unit cube.
-        """
+        """Return a fit by the task's prior that begins at `unit` (n,), up to fixed horizons."""
         fit = JointFit(task, FIXED_HORIZONS, blocks)
         fit.model.widen_spins(spins or InitialSpins())
         fit.begin_at(unit, np.minimum(task.prior.deviations, self.deviations), fits)
@@ -383,32 +362,18 @@ class JointFit:
             self.model.widen_spins(evidence.initial_spins())
 
     def state(self) -> dict[str, Any]:
-        """Return plain data from which a fit to the same observations continues exactly."""
         return {
-            "unit": self.estimate.unit.tolist(),
-            "deviations": self.estimate.deviations.tolist(),
-            "damping": self._damping,
-            "settled": self._settled,
-            "simulations": self.model.simulations,
-            "misfits": self.misfits,
-            "steps": self.steps,
-            "responsive": self.responsive.tolist(),
-            "weights": self.weights.tolist(),
+            **super().state(),
+            **state_of(self.estimate, ("unit", "deviations")),
+            **state_of(self.model, ("simulations",)),
             "spins": self.model.spins.to_dict(),
             "fits": [part.state() for part in self.estimate.fits],
         }
 
     def load_state(self, state: Mapping[str, Any]) -> None:
-        """Continue from what `state` returned."""
-        self.estimate.unit = np.array(state["unit"])
-        self.estimate.deviations = np.array(state["deviations"])
-        self._damping = state["damping"]
-        self._settled = state["settled"]
-        self.model.simulations = state["simulations"]
-        self.misfits = state["misfits"]
-        self.steps = state["steps"]
-        self.responsive = np.array(state["responsive"])
-        self.weights = np.array(state["weights"])
+        super().load_state(state)
+        restore(self.estimate, ("unit", "deviations"), state)
+        restore(self.model, ("simulations",), state)
         self.model.widen_spins(InitialSpins.from_dict(state["spins"]))
         for part, saved in zip(self.estimate.fits, state["fits"], strict=True):
             part.load_state(saved)
@@ -425,11 +390,7 @@ class JointFit:
         equations: Sequence[NormalEquations],
         eliminated: Sequence[Elimination],
     ) -> tuple[list[NDArray[np.float64]], SpinEvidence]:
-        """Take over the posterior's deviations.
-
-        Returns `goals` (W,) of each block, s, how far its horizons may go; `evidence`: of how balls
-        are thrown.
-        """
+        """Take over the posterior's deviations; return goals (W,) s, and spin evidence."""
         posterior = joint_posterior(self.prior, self.unit, eliminated, self.weights)
         self.estimate.deviations = posterior.deviations
         goals, evidence = [], SpinEvidence()
@@ -502,10 +463,7 @@ class JointFit:
         candidates: list[StaticParameters],
         steps: StateSteps | None,
     ) -> _Tried:
-        """Simulate a block in all trials.
-
-        `states` (c, W, d) go with the `candidates`; `steps` : of those that come after; None: none.
-        """
+        """Simulate a block in all trials; `states` (c, W, d) go with the candidates."""
         each = np.arange(len(candidates))
 
         def residuals_of(
@@ -523,15 +481,9 @@ class JointFit:
         return trying, residuals, part.losses(block, trying, residuals)
 
     def _take_states(
-        self,
-        options: NDArray[np.int64],
-        tried: Sequence[_Tried],
-        goals: list[NDArray[np.float64]],
+        self, options: NDArray[np.int64], tried: Sequence[_Tried], goals: list[NDArray[np.float64]]
     ) -> bool:
-        """Take the best initial states among options.
-
-        Returns whether any horizon got farther than before.
-        """
+        """Take the best initial states among options; return whether any horizon got farther."""
         advanced, misfits = False, 0
         for (block, part), (trying, residuals, losses), goal in zip(
             self.model.parts(self.estimate), tried, goals, strict=True
@@ -568,10 +520,7 @@ class JointFit:
 
 
 def _held_at(task: FitTask, unit: NDArray[np.float64]) -> FitTask:
-    """Return the task of initial states alone.
-
-    `unit` (n,) θ_s on the unit cube, which is held.
-    """
+    """Return the task of initial states alone, θ_s held at a point (n,) of the unit cube."""
     prior = Gaussian.about(unit, HELD_PRECISION * np.eye(unit.size))
     return replace(task, prior=prior)
 

@@ -25,9 +25,9 @@ DIFFERENCE_STEP = 0.5
 """Step of a finite difference to each side, standard deviations of what is moved: a slope is that
 of the region where the truth is likely to be; set by hand."""
 
-SMALLEST_DIFFERENCE = 1e-6
-"""Smallest step of a finite difference of an initial state, in the unit of its argument (m, m/s,
-rad or rad/s); set by hand."""
+SMALLEST_DIFFERENCE, LARGEST_DIFFERENCE = 1e-6, 0.05
+"""Steps of a finite difference at least (of an initial state) and at most, in the unit of its
+argument (width, m, m/s, rad or rad/s); set by hand."""
 
 SMALLEST_PARAMETER_DIFFERENCE = 1e-4
 """Smallest step of a finite difference of a parameter, widths. Initial states are known no better
@@ -35,10 +35,6 @@ however many observations there are, so their steps stay wide. Were those of θ_
 deviation, its slopes alone would become derivatives, which grow exponentially with time where
 motion is chaotic; no change of the initial states could make up for them, and the deviation would
 shrink the more. Of 40 boxes 1e-6 led to deviations of 2e-6 with errors of 2e-3."""
-
-LARGEST_DIFFERENCE = 0.05
-"""Largest step of a finite difference, in the unit of its argument (width, m, m/s, rad or rad/s);
-set by hand."""
 
 
 def difference_steps(deviations: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -77,7 +73,7 @@ class ParameterSteps:
 
     Attributes
     ----------
-    deviations : (n,) as given
+    deviations : (n,) as given, but for the smallest
     candidates : the estimate, then up and down of each group
     up_index, down_index : (n,) index of the candidate that moves each parameter
     up, down : (n,) widths of the steps, not beyond the cube
@@ -110,10 +106,8 @@ def separate_groups(influence: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     """Part parameters into groups of which no two members influence the same observation.
 
     One simulation of all observations moves all members of a group at once. Greedy, those first
-    that influence most observations.
-
-    `influence` (n_observations, n_parameters) bool. Returns arrays (n_members,) of indices of
-    parameters; those that influence nothing are in none.
+    that influence most observations, by `influence` (n_observations, n_parameters) bool. Returns
+    arrays (n_members,) of indices; parameters that influence nothing are in none.
     """
     taken: list[NDArray[np.bool_]] = []
     groups: list[list[int]] = []

@@ -24,7 +24,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.prior_knowledge.spin_evidence import SpinLikelihood
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
 from intuitive_physics_learner.search.gaussian import Gaussian
@@ -45,19 +44,13 @@ NEGLIGIBLE = 1e-7
 
 
 def robust_loss(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return Huber's loss (...,), without a unit, of residuals.
-
-    `lengths` (...,) of residuals, in standard deviations of the noise.
-    """
+    """Return Huber's loss (...,) of residuals, `lengths` (...,) in σ of the noise."""
     linear = OUTLIER_LENGTH * (lengths - 0.5 * OUTLIER_LENGTH)
     return np.where(lengths < OUTLIER_LENGTH, 0.5 * lengths**2, linear)
 
 
 def huber_weights(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the weights (...,) of residuals of those lengths in least squares of the same slope.
-
-    `lengths` (...,) of residuals, in standard deviations of the noise.
-    """
+    """Weights (...,) of the same slope in least squares, for `lengths` (...,) in σ of the noise."""
     return OUTLIER_LENGTH / np.maximum(lengths, OUTLIER_LENGTH)
 
 
@@ -89,11 +82,7 @@ class NormalEquations:
         linear: Linearisation,
         until: NDArray[np.float64],
     ) -> NormalEquations:
-        """Set them up with the points up to a time.
-
-        `estimate` (W, d) deviations from the observed initial states, in SI units; `until` (W,) s,
-        the last time that counts.
-        """
+        """Set them up at `estimate` (W, d), SI units, with the points up to `until` (W,) s."""
         counted = linear.valid & (block.times <= until[:, None])
         residuals = block.whitened(np.where(counted[..., None], linear.residuals, 0.0))
         lengths = np.linalg.norm(residuals, axis=2)
@@ -115,9 +104,7 @@ class NormalEquations:
         return NormalEquations(block.members, block.parameters, d, hessian, gradient)
 
     def with_common(self, index: NDArray[np.int64], first: int) -> NormalEquations:
-        """Return the equations with shared errors as parameters that observations have in common.
-
-        Their prior is left out: it holds once for all observations.
+        """Return the equations with shared errors, whose prior is left out, as common parameters.
 
         `index` (W, b) index of each observation's shared errors, the last nuisance parameters.
         """
@@ -202,20 +189,14 @@ class Elimination:
         return posterior.covariance[self.parameters[:, :, None], self.parameters[:, None, :]]
 
     def state_steps(self, parameter_steps: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the steps (W, d) of the initial states, in SI units, that go with parameter steps.
-
-        `parameter_steps` (n,) widths, of all parameters.
-        """
+        """Steps (W, d) of states, SI units, by `parameter_steps` (n,) widths of all parameters."""
         steps = parameter_steps[self.parameters][..., None]
         return -self.offsets - (self.gains @ steps)[..., 0]
 
     def state_means(
         self, estimate: NDArray[np.float64], unit: NDArray[np.float64], posterior: Gaussian
     ) -> NDArray[np.float64]:
-        """Return the means (W, d) of the initial states in the posterior, in SI units.
-
-        `estimate` (W, d) of them and `unit` (n,) of θ_s, about which all was linearised.
-        """
+        """Means (W, d) of states, SI units, linearised at `estimate` (W, d) and `unit` (n,)."""
         return estimate + self.state_steps(np.clip(posterior.mean, 0.0, 1.0) - unit)
 
 
@@ -245,10 +226,7 @@ def joint_posterior(
     eliminations: Sequence[Elimination],
     weights: NDArray[np.float64],
 ) -> Gaussian:
-    """Return the posterior of θ_s by equations at a point of the unit cube.
-
-    `unit` (n,) that point; `weights` (n_observations,) of the observations.
-    """
+    """Return the posterior of θ_s by equations at `unit` (n,), with `weights` (n_observations,)."""
     information, scores = reduced_equations(prior, unit, eliminations, weights)
     return Gaussian(information, information @ unit - scores)
 
@@ -325,33 +303,3 @@ def bounded_step(
             break
         free &= ~leaving
     return np.clip(unit + step, 0.0, 1.0) - unit
-
-
-@dataclass(frozen=True, eq=False)
-class LocalLikelihood:
-    """Likelihood of one observation near an estimate û of its q parameters, by itself.
-
-    With its initial states integrated out by Laplace's approximation, its negative logarithm is
-
-        l(u) = l(û) + gᵀ (u - û) + ½ (u - û)ᵀ Λ (u - û),
-
-    where l(û) is the loss at the estimate plus ½ ln det(P_s^-½ H_ss P_s^-½), by which the data
-    narrow its initial states. The weight with which a fit counts it is left out.
-
-    Parameters
-    ----------
-    parameters : (q,) indices among all parameters
-    estimate : (q,) û, on the unit cube
-    information : (q, q) Λ, per width²
-    scores : (q,) g, per width
-    loss : l(û), without a unit
-    spins : what the observation says of each initial spin that was a guess, θ_s and all else
-        integrated out
-    """
-
-    parameters: NDArray[np.int64]
-    estimate: NDArray[np.float64]
-    information: NDArray[np.float64]
-    scores: NDArray[np.float64]
-    loss: float
-    spins: tuple[SpinLikelihood, ...] = ()

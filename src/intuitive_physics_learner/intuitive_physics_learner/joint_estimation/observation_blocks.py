@@ -157,10 +157,7 @@ class ObservationBlock:
         return np.sqrt(3.0 / np.where(squares > 0.0, squares, np.inf))
 
     def whitened(self, residuals: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return residuals (..., W, P, 3) in standard deviations of the noise.
-
-        `residuals` (..., W, P, 3) m.
-        """
+        """Return residuals (..., W, P, 3) m in standard deviations of the noise."""
         return np.asarray((self.whitening @ residuals[..., None])[..., 0])
 
     def displaced(
@@ -178,10 +175,7 @@ class ObservationBlock:
         return residuals + np.einsum("...wb,wbpk->...wpk", amounts, self.shared)
 
     def shortened(self, until: NDArray[np.float64]) -> ObservationBlock:
-        """Return the block without the points that are later than `until` in all observations.
-
-        `until` (W,) s.
-        """
+        """Return the block without the points that are later than all of `until` (W,) s."""
         left = (self.times <= until[:, None]).any(axis=0)
         return replace(
             self,
@@ -195,11 +189,7 @@ class ObservationBlock:
 def observation_blocks(
     observations: Sequence[Observation], influence: NDArray[np.bool_]
 ) -> list[ObservationBlock]:
-    """Put observations into blocks.
-
-    `influence` (n_observations, n_parameters) bool, which observation can depend on which
-    parameter.
-    """
+    """Put observations into blocks; `influence` (n_observations, n) bool as `FitTask`."""
     initial_states = [InitialStateDeviations.of(observation) for observation in observations]
     noises = track_noises(observations)
     materials = observation_materials(observations)
@@ -220,25 +210,14 @@ def observation_blocks(
 
 
 def _shared(members: list[int]) -> list[list[int]]:
-    """Part observations into an even number of shares of the same size, or leave a few together.
-
-    With one share more than the other thread, one thread would wait for the other.
-    """
+    """Part observations into shares of the same size, as many for each of two threads."""
     pairs = -(-len(members) // (2 * LARGEST_BLOCK)) if len(members) >= SMALLEST_SHARED else 0
     return [part.tolist() for part in np.array_split(members, max(1, 2 * pairs))]
 
 
 @dataclass(frozen=True, eq=False)
 class _ObservedPoints:
-    """The n points of an observation, those of one object after those of the other.
-
-    Parameters
-    ----------
-    times : (n,) s after the start
-    whitening : (n, 3, 3) 1/m
-    shared : (b, n, 3) m, displacement by one standard deviation of each shared error
-    shared_index : (b,) index of each shared error: three for each material
-    """
+    """The n points of an observation, object after object; its fields as `ObservationBlock`."""
 
     times: NDArray[np.float64]
     whitening: NDArray[np.float64]
@@ -249,7 +228,6 @@ class _ObservedPoints:
     def of(
         observation: Observation, noises: Sequence[TrackNoise], materials: Sequence[str]
     ) -> _ObservedPoints:
-        """Put together the points of all objects."""
         times = [times_after_start(observation, track) for track in observation.objects]
         counted = [each >= 0.0 for each in times]
         owners = np.repeat(np.arange(len(times)), [int(mask.sum()) for mask in counted])

@@ -42,6 +42,7 @@ from intuitive_physics_learner.joint_estimation.joint_fit import (
 from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask
+from intuitive_physics_learner.search.plain_state import Resumable
 
 STARTS = 4
 """Fits that begin, the first at the start of the task; set by hand: within the 4 s of a small
@@ -146,19 +147,21 @@ def compared_evidences(
     return total / len(beyond)
 
 
-class SeveralStarts:
+class SeveralStarts(Resumable):
     """Fits to the same observations from several starts.
 
     `starts` (n_starts, n) points of the unit cube.
 
     Attributes
     ----------
-    task : as given
     fits : those that were not dropped, the best one so far first
     starts : (n_fits, n) where each began
     steps : that the fits have taken
-    spread : (n,) widths², as `choose` returned it last; zero before
+    spread : (n,) widths², mean square of the differences of other fits from the best one, each
+        weighted by its evidence, of which `CHANCE_EVIDENCE` is chance; zero before `choose`
     """
+
+    remembered = ("starts", "steps", "_dropped_simulations", "spread")
 
     def __init__(
         self, task: FitTask, settings: JointEstimationSettings, starts: NDArray[np.float64]
@@ -230,41 +233,25 @@ class SeveralStarts:
         self.fits.append(fit)
         self.starts = np.vstack([self.starts, fit.unit])
 
-    def choose(self, beyond: Sequence[float] = (0.0,)) -> NDArray[np.float64]:
-        """Let the fit of the largest evidence be the best, and return how far others are from it.
-
-        `beyond` in s, as in `compared_evidences`. Returns (n,) widths², the mean square of their
-        differences, each fit weighted by its evidence, of which `CHANCE_EVIDENCE` is chance.
-        """
+    def choose(self, beyond: Sequence[float] = (0.0,)) -> None:
+        """Let the fit of the largest evidence be best; `beyond` in s as in `compared_evidences`."""
         if len(self.fits) > 1:
             evidences = self._order(compared_evidences(self.task, self.fits, beyond=beyond))
             weights = np.exp((evidences - evidences[0]) / CHANCE_EVIDENCE)
             apart = np.array([fit.unit for fit in self.fits]) - self.best.unit
             self.spread = weights @ apart**2 / weights.sum()
-        return self.spread.copy()
 
     def state(self) -> dict[str, Any]:
-        """Return plain data from which fits to the same observations continue exactly."""
-        return {
-            "starts": self.starts.tolist(),
-            "steps": self.steps,
-            "dropped_simulations": self._dropped_simulations,
-            "spread": self.spread.tolist(),
-            "fits": [fit.state() for fit in self.fits],
-        }
+        return {**super().state(), "fits": [fit.state() for fit in self.fits]}
 
     def load_state(self, state: Mapping[str, Any]) -> None:
-        """Continue from what `state` returned."""
-        self.starts = np.array(state["starts"])
-        self.steps = state["steps"]
-        self._dropped_simulations = state["dropped_simulations"]
-        self.spread = np.array(state["spread"])
+        super().load_state(state)
         self.fits = self.fits[: len(self.starts)]
         for fit, fit_state in zip(self.fits, state["fits"], strict=True):
             fit.load_state(fit_state)
 
     def _order(self, evidences: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Put the fits of larger evidences (n_fits,) first, and return these in their order."""
+        """Put the fits of larger evidences (n_fits,) first; return these in their order."""
         order = np.argsort(-evidences, kind="stable")
         self.fits = [self.fits[k] for k in order]
         self.starts = self.starts[order]
@@ -272,22 +259,15 @@ class SeveralStarts:
 
 
 @dataclass(frozen=True, eq=False)
-class SeparateFit:
-    """A fit that has no parameter in common with the others of its stage.
-
-    Parameters
-    ----------
-    members : (n_members,) indices of its observations
-    parameters : (k,) indices of its parameters
-    fit : to these observations, over these parameters
-    """
+class _SeparateFit:
+    """A fit of some observations (n_members,) over some parameters (k,), both by index."""
 
     members: NDArray[np.int64]
     parameters: NDArray[np.int64]
     fit: JointFit
 
 
-class StagedFit:
+class StagedFit(Resumable):
     """Fits objects that moved alone, each by itself, and then all observations jointly.
 
     Where nothing is fitted separately, the joint fit has several starts. Separate fits have one:
@@ -300,6 +280,8 @@ class StagedFit:
     jointly : fits to all observations
     steps : taken so far, in both stages
     """
+
+    remembered = ("steps",)
 
     def __init__(self, task: FitTask, starts: NDArray[np.float64] | None = None) -> None:
         settings = JointEstimationSettings()
@@ -315,14 +297,11 @@ class StagedFit:
         for members in groups:
             parameters = np.flatnonzero(task.influence[members].any(axis=0))
             fit = JointFit(task.part(members, parameters), settings)
-            self._separate.append(SeparateFit(members, parameters, fit))
+            self._separate.append(_SeparateFit(members, parameters, fit))
 
     @property
     def joint(self) -> JointFit:
-        """The best fit to all observations.
-
-        Before it takes steps of its own it holds what the separate ones have found.
-        """
+        """The best fit to all; before its own steps it holds what the separate ones have found."""
         return self.jointly.best
 
     @property
@@ -351,25 +330,15 @@ class StagedFit:
         else:
             self.jointly.step()
 
-    def choose(self) -> NDArray[np.float64]:
-        """Let the joint fit be the one of the largest evidence.
-
-        Returns (n,) widths², by how much fits from other starts differ from it where the
-        observations cannot tell which is right.
-        """
-        return self.jointly.choose()
-
     def state(self) -> dict[str, Any]:
-        """Return plain data from which a fit to the same observations continues exactly."""
         return {
-            "steps": self.steps,
+            **super().state(),
             "joint": self.jointly.state(),
             "separate": [part.fit.state() for part in self._separate],
         }
 
     def load_state(self, state: Mapping[str, Any]) -> None:
-        """Continue from what `state` returned."""
-        self.steps = state["steps"]
+        super().load_state(state)
         self.jointly.load_state(state["joint"])
         for part, part_state in zip(self._separate, state["separate"], strict=True):
             part.fit.load_state(part_state)
@@ -378,7 +347,7 @@ class StagedFit:
     def _separate_simulations(self) -> float:
         return sum(part.fit.model.simulations for part in self._separate)
 
-    def _unfinished(self) -> list[SeparateFit]:
+    def _unfinished(self) -> list[_SeparateFit]:
         most = SEPARATE_STEPS
         return [part for part in self._separate if not part.fit.settled and part.fit.steps < most]
 

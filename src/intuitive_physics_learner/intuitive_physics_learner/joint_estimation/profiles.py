@@ -18,25 +18,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.parameter_posterior import LARGEST_DEVIATION
+from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.normal_equations import reduced_equations
 from intuitive_physics_learner.joint_estimation.scans import scanned
 from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.search.search_space import ActiveSpace
 
 CURVATURE_WIDENING = 3.0
 """Factor on the steps of the finite differences from which the posterior is computed; set by
 hand."""
 
-MOVE_ROUNDS = 8
-"""Rounds of moving a parameter outwards from the estimate, and of bisecting the end, at most; set
-by hand."""
-
-MOVE_TOLERANCE = 0.02
-"""Part of a move by which its end may be farther than it was followed; set by hand."""
-
-MOVE_GROWTH = 3.0
-"""Factor on the distance from one round outwards to the next; set by hand."""
+MOVE_ROUNDS, MOVE_GROWTH, MOVE_TOLERANCE = 8, 3.0, 0.02
+"""Rounds at most of moving a parameter outwards from the estimate and of bisecting the end, factor
+on the distance from one to the next, and part of a move by which its end may be farther than it was
+followed; set by hand."""
 
 USUAL_ROUNDS = 2
 """Rounds that are usually made: most often no parameter is bound to one side only."""
@@ -131,27 +128,8 @@ def _plausible_plateaus(
 ) -> NDArray[np.bool_]:
     """Sides (n, 2) that end in a plateau with a plausible loss, all else fitted to it there.
 
-    `inner` (n, 2) widths, the largest moves that were plausible; `first` (n,) as `plausible_moves`.
-    """
-    to_bounds = np.stack([-fit.unit, 1.0 - fit.unit], axis=1)
-    sides = np.argwhere(_plateaus(fit, linear, inner, first))
-    rises = np.full(to_bounds.shape, np.inf)
-    if len(sides):
-        moves = [(int(k), float(fit.unit[k] + to_bounds[k, side])) for k, side in sides]
-        rises[tuple(sides.T)] = fit.rises_at(moves)
-    rises -= Gaussian.within_bounds(fit.prior.mean).rises(fit.unit, to_bounds)
-    return np.asarray(rises < LARGEST_MOVE_RISE)
-
-
-def _plateaus(
-    fit: JointFit,
-    linear: Sequence[Linearisation],
-    inner: NDArray[np.float64],
-    first: NDArray[np.float64],
-) -> NDArray[np.bool_]:
-    """Sides (n, 2) on which motion is the same at the bound as half-way there, but not plausible.
-
-    `inner` (n, 2) widths, the largest moves that were plausible; `first` (n,) as `plausible_moves`.
+    On a plateau motion is the same at the bound as half-way there. `inner` (n, 2) widths, the
+    largest moves that were plausible; `first` (n,) as `plausible_moves`.
     """
     unit, sides = fit.unit, np.array([-1.0, 1.0])
     room = np.stack([unit, 1.0 - unit], axis=1)
@@ -161,12 +139,17 @@ def _plateaus(
         return left
     away = np.hstack([sides * room, sides * 0.5 * (inner + room)])
     places = unit[:, None] + away
-    rises, _ = scanned(
+    changes, _ = scanned(
         fit.model, fit.estimate, linear, places, fit.weights, asked, present_too=True
     )
-    rises -= fit.prior.rises(unit, away)
-    alike = np.abs(rises[:, :2] - rises[:, 2:]) < LARGEST_PLATEAU_RISE
-    return np.asarray(left & alike)
+    changes -= fit.prior.rises(unit, away)
+    alike = np.abs(changes[:, :2] - changes[:, 2:]) < LARGEST_PLATEAU_RISE
+    found = np.argwhere(left & alike)
+    rises = np.full(room.shape, np.inf)
+    if len(found):
+        rises[tuple(found.T)] = fit.rises_at([(int(k), float(places[k, s])) for k, s in found])
+    rises -= Gaussian.within_bounds(fit.prior.mean).rises(unit, away[:, :2])
+    return np.asarray(rises < LARGEST_MOVE_RISE)
 
 
 def curvature_simulations(fit: JointFit) -> float:
@@ -213,3 +196,33 @@ def mean_square_moves(free: NDArray[np.float64], ends: NDArray[np.float64]) -> N
     """
     down, up = np.maximum(free, UNIFORM * ends[:, None]).T
     return np.where(free.any(axis=1), (down**2 - down * up + up**2) / 3.0, ends**2)
+
+
+def interval_ends(
+    unit: NDArray[np.float64],
+    free: NDArray[np.float64],
+    widths: NDArray[np.float64],
+    one_sided: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """Ends (n, 2) on the unit cube of one-sided intervals; NaN for parameters without one.
+
+    `unit` (n,) the estimate; `free` (n, 2) widths, how far it can be moved down and up; `widths`
+    (n,) standard deviations; `one_sided` (n,) bool.
+    """
+    moves = np.maximum(free, UNIFORM * widths[:, None]) * (-1.0, 1.0)
+    return np.where(one_sided[:, None], np.clip(unit[:, None] + moves, 0.0, 1.0), np.nan)
+
+
+def ends_in_si_units(
+    space: ParameterSpace | ActiveSpace,
+    unit: NDArray[np.float64],
+    ends: NDArray[np.float64],
+    places: NDArray[np.int64],
+) -> NDArray[np.float64]:
+    """Return `ends` (n, 2) at `unit` (n,) in SI units; `places` (n,) of each parameter in θ_s."""
+    intervals = np.full_like(ends, np.nan)
+    for axis, side in np.argwhere(~np.isnan(ends)):
+        moved = unit.copy()
+        moved[axis] = ends[axis, side]
+        intervals[axis, side] = parameter_vector(space.to_parameters(moved))[places[axis]]
+    return intervals

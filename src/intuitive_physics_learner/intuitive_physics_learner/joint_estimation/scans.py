@@ -29,7 +29,7 @@ from intuitive_physics_learner.joint_estimation.normal_equations import NormalEq
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
 from intuitive_physics_learner.joint_estimation.state_steps import StateSteps
 from intuitive_physics_learner.joint_estimation.trajectory_model import Estimate, TrajectoryModel
-from intuitive_physics_learner.search.search_space import SearchSpace
+from intuitive_physics_learner.search.search_space import ActiveSpace
 
 SCAN_LEVELS = (0.02, 0.14, 0.26, 0.38, 0.5, 0.62, 0.74, 0.86, 0.98)
 """Places on the unit interval at which a scan tries each parameter: equal steps that leave out the
@@ -49,7 +49,7 @@ the best spin of the last round, Gauss-Newton steps converge."""
 def scan_candidates(
     unit: NDArray[np.float64],
     groups: Sequence[NDArray[np.int64]],
-    space: SearchSpace,
+    space: ActiveSpace,
     levels: NDArray[np.float64],
 ) -> tuple[list[StaticParameters], NDArray[np.int64]]:
     """Return θ_s in which the parameters of a group take one of their levels, the others stay.
@@ -78,9 +78,7 @@ def scanned_states(
     index: NDArray[np.int64],
     present_too: bool = False,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Fit the initial states of a block to each of some θ_s.
-
-    By a Gauss-Newton step each.
+    """Fit the initial states of a block to each of some θ_s, by a Gauss-Newton step each.
 
     `index` (c, W) of the candidate that is tried for each observation; `present_too`: whether the
     present states stay where that step explains less. Returns `estimates` (c, W, d) deviations from
@@ -161,15 +159,12 @@ def tried_parameters(
 
 
 def compatible_moves(
-    gains: NDArray[np.float64],
-    influence: NDArray[np.bool_],
-    least_gain: float = SMALLEST_SCAN_GAIN,
+    gains: NDArray[np.float64], influence: NDArray[np.bool_], least_gain: float = SMALLEST_SCAN_GAIN
 ) -> list[int]:
-    """Choose parameters to move, the most gainful first, no two of which share an observation.
+    """Choose parameters by index, the most gainful first, no two of which share an observation.
 
     `gains` (n,) by which moving each alone lowers the loss, in the unit of the loss; `influence`
-    (n_observations, n) bool, which observation can depend on which parameter. Returns indices of
-    parameters.
+    (n_observations, n) bool, which observation can depend on which parameter.
     """
     chosen: list[int] = []
     occupied = np.zeros(len(influence), dtype=bool)
@@ -185,12 +180,10 @@ def compatible_moves(
 def other_spins(
     model: TrajectoryModel, estimate: Estimate
 ) -> dict[int, tuple[NDArray[np.float64], float]]:
-    """Find spins that explain more of what comes beyond the horizons than those of an estimate.
+    """Find spins that explain more beyond the horizons, as deviations (d,) from observed states.
 
-    Returns
-    -------
-    By observation, where there are any, deviations (d,) from its observed initial states, and the
-    time in s where the next misfit of the given fit would show, up to which they explain more.
+    By observation, where there are any, with the time in s up to which they explain more: where the
+    next misfit of the given fit would show.
     """
     parameters = model.space.to_parameters(estimate.unit)
     others = {}

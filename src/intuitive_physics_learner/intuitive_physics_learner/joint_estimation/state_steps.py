@@ -51,10 +51,7 @@ class StateSteps:
         linear: Linearisation,
         equations: NormalEquations,
     ) -> StateSteps:
-        """Set them up with the points up to the fit horizons.
-
-        `equations` of these points at the estimate; their parameters do not matter.
-        """
+        """Set them up by `equations` of the points up to the horizons, at the estimate."""
         count, d = fits.estimate.shape
         inner = equations.hessian[:, :d, :d]
         slopes = np.einsum("wpij,wkpj->wkpi", block.whitening, linear.slopes[:, :d])

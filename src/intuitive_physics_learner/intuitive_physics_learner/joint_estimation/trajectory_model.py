@@ -10,10 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics.prior_knowledge.spin_evidence import (
-    SpinLikelihood,
-    unknown_spins,
-)
+from intuitive_physics.prior_knowledge.spin_evidence import SpinLikelihood, unknown_spins
 from intuitive_physics.simulation.shares import mapped_in_shares
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     TrajectoryFits,
@@ -27,7 +24,6 @@ from intuitive_physics_learner.joint_estimation.linearisation import (
 )
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     Elimination,
-    LocalLikelihood,
     NormalEquations,
     joint_posterior,
 )
@@ -35,7 +31,7 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     ObservationBlock,
     observation_blocks,
 )
-from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
 from intuitive_physics_learner.search.learning_task import FitTask
 
 Result = TypeVar("Result")
@@ -49,7 +45,7 @@ class Estimate:
     ----------
     unit : (n,) θ_s on the unit cube
     deviations : (n,) standard deviation of each parameter there
-    fits : initial states and fit horizons, of each block
+    fits : of each block
     """
 
     unit: NDArray[np.float64]
@@ -65,11 +61,8 @@ class TrajectoryModel:
 
     Attributes
     ----------
-    task : as given
-    cost, space, prior : those of the task
     stated_blocks : the observations, with the initial spins as they were stated
     blocks : the same, with wider priors of the initial spins that were guesses
-    largest_advance : as given
     groups : (n_members,) each, indices of parameters, as `separate_groups`
     unknown_spins : by observation, initial spins that were guesses
     spins : spreads of initial spins by which the priors of those that were guesses are widened
@@ -77,10 +70,7 @@ class TrajectoryModel:
     """
 
     def __init__(
-        self,
-        task: FitTask,
-        largest_advance: float,
-        blocks: list[ObservationBlock] | None = None,
+        self, task: FitTask, largest_advance: float, blocks: list[ObservationBlock] | None = None
     ) -> None:
         self.task = task
         self.cost = task.cost
@@ -141,8 +131,7 @@ class TrajectoryModel:
     ) -> list[tuple[SpinLikelihood, ...]]:
         """Return what each of a block's W observations says of its initial spins.
 
-        `means` (W, d) and `covariances` (W, d, d) of the nuisance parameters in their posterior,
-        whatever θ_s is.
+        `means` (W, d) and `covariances` (W, d, d) of the nuisance parameters, whatever θ_s is.
         """
         return [
             tuple(
@@ -201,8 +190,7 @@ class TrajectoryModel:
     ) -> list[LocalLikelihood]:
         """Return what each observation says of θ_s near an estimate, in their order.
 
-        `weights` (n_observations,) with which all of them together say what θ_s is, where an
-        observation is asked for its initial spins.
+        `weights` (n_observations,) with which all together say what θ_s is, for initial spins.
         """
         likelihoods: dict[int, LocalLikelihood] = {}
         linear = self.linearised(estimate)
@@ -241,8 +229,5 @@ class TrajectoryModel:
 
 
 def _whole_simulations(block: ObservationBlock, until: NDArray[np.float64]) -> float:
-    """Return how many simulations to the last point take as long as one of each up to a time.
-
-    `until` (W,) s.
-    """
+    """Return how many simulations to the end take as long as one of each up to (W,) s."""
     return float((until / block.durations).sum())

@@ -9,8 +9,7 @@ range leaves local optima.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,23 +25,18 @@ from intuitive_physics_learner.joint_estimation.scans import (
     scan_candidates,
 )
 from intuitive_physics_learner.search.learning_task import FitTask
+from intuitive_physics_learner.search.plain_state import Resumable
 
 DESCENT_DAMPINGS = (1e-3, 1e-2, 0.1, 1.0, 10.0)
-"""Dampings, parts of the diagonal, that a descent of J tries in one step; set by hand."""
+"""Dampings, parts of the diagonal, that are tried in one step; set by hand."""
 
 DESCENT_LENGTHS = (0.5, 1.0, 2.0)
 """Factors on each damped step that are tried: J has kinks, which a step may fall short of; set by
 hand."""
 
-FIRST_WIDTH = 0.1
-"""Width of the differences for the first slopes of a descent of J, widths: wide against the kinks
-of single contacts; set by hand."""
-
-SMALLEST_WIDTH = 0.002
-"""Width of the differences below which a descent of J takes no more slopes, widths; set by hand."""
-
-WIDTH_FACTOR = 0.4
-"""Factor on that width when steps along slopes gain nothing; set by hand."""
+FIRST_WIDTH, WIDTH_FACTOR, SMALLEST_WIDTH = 0.1, 0.4, 0.002
+"""Width of the differences for slopes, widths, at first wide against the kinks of single contacts;
+factor on it when steps along slopes gain nothing; and where a descent ends; set by hand."""
 
 NEIGHBOURS = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)
 """Distances, in that width, at which each parameter is tried when steps along slopes gain nothing;
@@ -52,20 +46,22 @@ SMALLEST_GAIN = 1e-4
 """Part of J by which it must fall to be a gain; set by hand."""
 
 SHORT_LENGTH = 0.1
-"""Part of the median distance below which distances count as squares in a descent of J: a sum of
-distances has no slope at zero; set by hand."""
+"""Part of the median distance below which distances count as squares: a sum of distances has no
+slope at zero; set by hand."""
 
 
-class CostDescent:
+class CostDescent(Resumable):
     """Gauss-Newton steps on J, from the best of some points.
 
     Attributes
     ----------
     unit : (n,) the point of the unit cube with the lowest J so far
-    cost : that J in m; infinite before `begin`
+    cost : that J in m; infinite before it has begun
     simulations : of single observations, so far
     finished : whether the descent has ended
     """
+
+    remembered = ("unit", "cost", "finished", "simulations", "_width", "_scan_next")
 
     def __init__(self, task: FitTask) -> None:
         self._cost = task.cost
@@ -79,9 +75,14 @@ class CostDescent:
         self._width = FIRST_WIDTH
         self._scan_next = True
 
-    def begin(self, points: NDArray[np.float64]) -> None:
-        """Begin at the best of some points (k, n) of the unit cube."""
-        self._take_best(points)
+    def take_best(self, points: NDArray[np.float64]) -> None:
+        """Begin at the best of points (k, n) of the unit cube, or take it over if it is better."""
+        candidates = [self._space.to_parameters(point) for point in points]
+        costs = self._cost.costs(candidates)
+        self.simulations += len(candidates) * len(self._cost.observations)
+        best = int(np.argmin(costs))
+        if costs[best] < self.cost:
+            self.unit, self.cost = np.array(points[best]), float(costs[best])
 
     def step(self) -> None:
         """Try to lower J: over the range of each parameter first, then along slopes."""
@@ -91,26 +92,6 @@ class CostDescent:
         else:
             self._descend_or_narrow()
             self.finished = self._width < SMALLEST_WIDTH
-
-    def state(self) -> dict[str, Any]:
-        """Return plain data from which a descent of the same cost continues exactly."""
-        return {
-            "unit": self.unit.tolist(),
-            "cost": self.cost,
-            "finished": self.finished,
-            "simulations": self.simulations,
-            "width": self._width,
-            "scan_next": self._scan_next,
-        }
-
-    def load_state(self, state: Mapping[str, Any]) -> None:
-        """Continue from what `state` returned."""
-        self.unit = np.array(state["unit"])
-        self.cost = state["cost"]
-        self.finished = state["finished"]
-        self.simulations = state["simulations"]
-        self._width = state["width"]
-        self._scan_next = state["scan_next"]
 
     def _descend_or_narrow(self) -> None:
         before = self.cost
@@ -148,15 +129,12 @@ class CostDescent:
             bounded_step(self.unit, information, scores, damping) for damping in DESCENT_DAMPINGS
         ]
         tried = [self.unit + length * step for step in steps for length in DESCENT_LENGTHS]
-        self._take_best(np.clip(tried, 0.0, 1.0))
+        self.take_best(np.clip(tried, 0.0, 1.0))
 
     def _linearised(
         self,
     ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]]:
-        """Yield the k parameters, residuals (P, 3) in m and slopes (k, P, 3) of each observation.
-
-        Slopes are in m per width.
-        """
+        """Yield each one's k parameters, residuals (P, 3) m and slopes (k, P, 3) m per width."""
         below = np.maximum(self.unit - self._width, 0.0)
         above = np.minimum(self.unit + self._width, 1.0)
         levels = np.column_stack([below, above])
@@ -192,13 +170,4 @@ class CostDescent:
             return
         moved = self.unit.copy()
         moved[moves] = levels[moves, best[moves]]
-        self._take_best(moved[None])
-
-    def _take_best(self, points: NDArray[np.float64]) -> None:
-        """Take over the best of points (k, n) if it is better."""
-        candidates = [self._space.to_parameters(point) for point in points]
-        costs = self._cost.costs(candidates)
-        self.simulations += len(candidates) * len(self._cost.observations)
-        best = int(np.argmin(costs))
-        if costs[best] < self.cost:
-            self.unit, self.cost = np.array(points[best]), float(costs[best])
+        self.take_best(moved[None])

@@ -1,13 +1,10 @@
 """Which parameters the observations determine, and whether stated uncertainties are true.
 
-Slopes at an estimate say how well the data hold it there, not whether it settled beside a better
-one, as fits to chaotic motion may. What fits from other starts that explain the observations as
-well differ by is added (`order_of_fits`). But all fits to the same observations have errors in
-common, so half of the observations is fitted as well, from where the best fit began, and
-uncertainties are widened by how far it is from the estimate (`half_agreement`).
-
-Nor does a slope say what lies beyond a kink (`profiles`). Within an interval that is one-sided the
-half cannot disagree, nor need it be bound by slopes.
+To what slopes at an estimate say is added by what fits from other starts differ that explain the
+observations as well (`order_of_fits`). But all fits to the same observations have errors in common,
+so half of the observations is fitted as well, from where the best fit began (`agreed_deviations`).
+What lies beyond a kink is found by the profile of the loss (`profiles`); within an interval that is
+one-sided the half cannot disagree, nor need it be bound by slopes.
 
 A search that lowers J takes initial states as they were seen, and ends elsewhere than a fit, the
 farther the worse these are and the more of the motion the simulation lacks. So after one a fit
@@ -29,20 +26,21 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRECISION
 from intuitive_physics.parameter_space import parameter_vector
 from intuitive_physics_learner.cost.wrapped_costs import CachedCost
-from intuitive_physics_learner.joint_estimation.half_agreement import agreed_deviations
-from intuitive_physics_learner.joint_estimation.jackknife import jackknife_variances
 from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
 from intuitive_physics_learner.joint_estimation.order_of_fits import StagedFit
 from intuitive_physics_learner.joint_estimation.profiles import (
-    UNIFORM,
     curvature_posterior,
     curvature_simulations,
+    ends_in_si_units,
+    interval_ends,
     is_one_sided,
     move_simulations,
     one_sided_moves,
 )
-from intuitive_physics_learner.joint_estimation.widened_information import (
+from intuitive_physics_learner.joint_estimation.widened_uncertainty import (
+    agreed_deviations,
     information_about,
+    jackknife_variances,
     widened_information,
 )
 from intuitive_physics_learner.search.gaussian import Gaussian
@@ -90,9 +88,7 @@ class Identifiability:
 
 
 def identifiability_by_fit(
-    staged: StagedFit,
-    task: LearningTask,
-    seconds_left: Callable[[], float] = lambda: np.inf,
+    staged: StagedFit, task: LearningTask, seconds_left: Callable[[], float] = lambda: np.inf
 ) -> Identifiability:
     """State what is identified and how well, after a fit has converged."""
     fit = staged.joint
@@ -145,11 +141,10 @@ def _stated(
     free: NDArray[np.float64],
     deviations: NDArray[np.float64],
 ) -> Identifiability:
-    """State what is known of the parameters.
+    """State what is known at a point of the unit cube, `unit` (n,), by what is known about a fit.
 
-    `unit` (n,) point of the unit cube that it is stated of; `posterior` by the slopes of the fit;
-    `free` (n, 2) widths, how far parameters that are bound to one side only can be moved from the
-    fit down and up; `deviations` (n,) widths, standard deviation of each about the fit.
+    `free` (n, 2) widths, how far parameters that are bound to one side can be moved from it;
+    `deviations` (n,) widths, standard deviation of each about it.
     """
     searched, active = task.searched, task.active
     apart = unit - fit.unit
@@ -164,11 +159,12 @@ def _stated(
     in_si_units = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
     responsive = active.copy()
     responsive[active] = fit.responsive
-    widths = task.space.own_slopes(_vector(searched, unit))
-    identified = responsive & (in_si_units < LARGEST_DEVIATION * widths)
-    moves = np.maximum(moves, UNIFORM * np.minimum(away, fit.prior.deviations)[:, None])
-    intervals = _intervals(searched, unit, moves, one_sided, active)
-    intervals[~identified] = np.nan
+    own_slopes = task.space.own_slopes(_vector(searched, unit))
+    identified = responsive & (in_si_units < LARGEST_DEVIATION * own_slopes)
+    widths = np.minimum(away, fit.prior.deviations)
+    ends = interval_ends(unit, moves, widths, one_sided & identified[active])
+    intervals = np.full((active.size, 2), np.nan)
+    intervals[active] = ends_in_si_units(searched, unit, ends, np.flatnonzero(active))
     # Without the bounds, which the posterior of θ_s has by itself. What a user gave is as certain
     # as he says, whatever else is widened.
     bounds = UNIFORM_PRECISION * np.eye(unit.size)
@@ -222,10 +218,7 @@ def _agreed(
 
 
 def _changes_cost(task: LearningTask, unit: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether J is another one where a parameter alone is back where the search began, (n,) bool.
-
-    `unit` (n,) point of the unit cube where the search ended.
-    """
+    """Whether J is another one where a parameter of `unit` alone is back at its start, (n,)."""
     points = np.tile(unit, (unit.size + 1, 1))
     np.fill_diagonal(points, task.begin)
     # Most parameters are of few observations, and only these are simulated again.
@@ -239,24 +232,6 @@ def _families(names: list[str]) -> list[NDArray[np.int64]]:
     return [
         np.flatnonzero([pair == family for pair in of_pair]) for family in dict.fromkeys(of_pair)
     ]
-
-
-def _intervals(
-    searched: ActiveSpace,
-    unit: NDArray[np.float64],
-    moves: NDArray[np.float64],
-    one_sided: NDArray[np.bool_],
-    active: NDArray[np.bool_],
-) -> NDArray[np.float64]:
-    """Intervals (|θ_s|, 2) in SI units, NaN for parameters that are not bound to one side only."""
-    intervals = np.full((active.size, 2), np.nan)
-    for axis in np.flatnonzero(one_sided):
-        parameter = np.flatnonzero(active)[axis]
-        for side, sign in enumerate((-1.0, 1.0)):
-            moved = unit.copy()
-            moved[axis] = np.clip(unit[axis] + sign * moves[axis, side], 0.0, 1.0)
-            intervals[parameter, side] = _vector(searched, moved)[parameter]
-    return intervals
 
 
 def _slopes(searched: ActiveSpace, unit: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -31,9 +31,10 @@ from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.parameter_search import Search
 
-LARGEST_MISFIT_SHARE = 0.3
-"""Mean share of observations with a misfit above which the simulation must lack an effect: just
-below the third that a fit horizon counts which advances twice and retreats once for ever."""
+LARGEST_MISFIT_SHARE, MISFIT_STEPS = 0.3, 3
+"""Mean share of observations with a misfit, over so many steps, above which the simulation lacks an
+effect: just below the third that a fit horizon counts which advances twice and retreats once for
+ever; set by hand."""
 
 FEWEST_FOR_STARTS = 1000
 """Evaluations of J below which a fit has one start: on 85 recorded throws of a ball four of them
@@ -47,9 +48,6 @@ SEARCH_SHARE = 0.5
 """Share of a time limit in which fits from several starts should end. The rest is left for choosing
 among them and for computing the uncertainty of θ_s; set by hand."""
 
-MISFIT_STEPS = 3
-"""Steps that this mean is over; set by hand."""
-
 
 class JointSearch(Search):
     """Fits all trajectories, and lowers J where they cannot be fitted.
@@ -58,15 +56,13 @@ class JointSearch(Search):
     not divided, so it may exceed the limit it is given. It is counted as the evaluations of J that
     take as many simulations.
 
-    Where the share of trajectories that cannot be fitted is so large that the simulation must lack
-    an effect, there are no true θ_s and initial states to be found: from then on J itself is
-    lowered, from the observed initial states (`CostDescent`).
+    Where so many trajectories cannot be fitted that the simulation must lack an effect, J itself is
+    lowered from then on, from the observed initial states (`CostDescent`).
 
-    Parameters
-    ----------
-    task : what to learn
-    generator : of the starts of fits
+    `generator` of the starts of fits.
     """
+
+    remembered = (*Search.remembered, "_evaluations", "_misfits", "_lowest", "_lowest_cost")
 
     def __init__(self, task: LearningTask, generator: np.random.Generator) -> None:
         super().__init__()
@@ -117,11 +113,10 @@ class JointSearch(Search):
         elif not self._staged.settled:
             self._step_fits()
             self._evaluate()
-            count = MISFIT_STEPS
-            self._misfits = [*self._misfits, self.fit.misfits][-count:]
-            enough = len(self._misfits) == count or self._staged.settled
+            self._misfits = [*self._misfits, self.fit.misfits][-MISFIT_STEPS:]
+            enough = len(self._misfits) == MISFIT_STEPS or self._staged.settled
             if enough and np.mean(self._misfits) > LARGEST_MISFIT_SHARE:
-                self._descent.begin(np.array([self.fit.prior.mean, self._lowest]))
+                self._descent.take_best(np.array([self.fit.prior.mean, self._lowest]))
         return self.iterations - before
 
     def _step_fits(self) -> None:
@@ -138,7 +133,7 @@ class JointSearch(Search):
         if not self.fits_trajectories:
             return
         before = self.fit.unit
-        self._staged.choose()
+        self._staged.jointly.choose()
         if (self.fit.unit != before).any():
             self._evaluate()
 
@@ -170,22 +165,13 @@ class JointSearch(Search):
         """From the posterior of each initial spin; unknown where J was lowered instead."""
         return InitialSpins() if self.lowers_cost else self.fit.spin_evidence().initial_spins()
 
-    def own_state(self) -> dict[str, Any]:
-        return {
-            "fit": self._staged.state(),
-            "evaluations": self._evaluations,
-            "misfits": list(self._misfits),
-            "lowest": self._lowest.tolist(),
-            "lowest_cost": self._lowest_cost if self._history else None,
-            "descent": self._descent.state() if self.lowers_cost else None,
-        }
+    def state(self) -> dict[str, Any]:
+        descent = self._descent.state() if self.lowers_cost else None
+        return {**super().state(), "fit": self._staged.state(), "descent": descent}
 
-    def load_own_state(self, state: Mapping[str, Any]) -> None:
+    def load_state(self, state: Mapping[str, Any]) -> None:
+        super().load_state(state)
         self._staged.load_state(state["fit"])
-        self._evaluations = state["evaluations"]
-        self._misfits = list(state["misfits"])
-        self._lowest = np.array(state["lowest"])
-        self._lowest_cost = np.inf if state["lowest_cost"] is None else state["lowest_cost"]
         if state["descent"] is not None:
             self._descent.load_state(state["descent"])
 

@@ -21,11 +21,10 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
-from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
 from intuitive_physics_learner.online.memory import RECENT, age_weight, let_go
 from intuitive_physics_learner.online.online_state import ChangePoint, Member, OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
-from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
 
 FEWEST_CHANGED = 4
 """Observations that must agree on a change: fewer may be disturbed alike by chance."""
@@ -133,11 +132,7 @@ def change_probability(
     members: NDArray[np.int64],
     weights: Sequence[float] | None = None,
 ) -> float:
-    """Probability of so large a ratio T without a change.
-
-    `members` (k,) indices of the parameters that may have changed; `weights` of the observations;
-    None: 1.
-    """
+    """Probability of so large a ratio T if the parameters `members` (k,) have not changed."""
     together = Gaussian.nothing(prior.mean.size).plus(likelihoods, weights)
     information, scores = together.precision, together.scores(prior.mean)
     # (1 + L P)⁻¹ = P⁻¹ (P⁻¹ + L)⁻¹.

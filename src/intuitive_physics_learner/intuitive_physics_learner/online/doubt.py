@@ -65,10 +65,7 @@ class Examined:
 def examine(
     state: OnlineState, cost: Cost, simulator: Simulator, number: int, *, trusted: bool
 ) -> Examined:
-    """Fit the `number`-th observation to what is known, and judge it by its signs.
-
-    One that is trusted is never doubted.
-    """
+    """Fit the `number`-th observation to what is known; unless trusted, judge it by its signs."""
     (observation,) = cost.observations
     fit = LoneFit(cost, state, state.prior)
     if fit.blocked:
@@ -96,10 +93,7 @@ def examine(
 
 
 def signs_of(fit: LoneFit, simulator: Simulator, generator: np.random.Generator) -> Signs:
-    """Test laws of motion, and follow undisturbed motions from where a fit stops.
-
-    All are finite, so that they can be stored.
-    """
+    """Test laws of motion and follow undisturbed motions from where a fit stops; finite signs."""
     (violations,) = violations_of([fit.observation])
     misfits, times = undisturbed_misfits(fit.fit, simulator, generator)
     return Signs(
@@ -111,10 +105,7 @@ def signs_of(fit: LoneFit, simulator: Simulator, generator: np.random.Generator)
 
 
 def assessed(members: Mapping[str, Signs], trusted: Collection[str] = ()) -> list[Assessment]:
-    """Assess observations by their signs, beside one another, as after a search.
-
-    Those whose ids are trusted are assessed, too, but never doubtful.
-    """
+    """Assess observations by their signs, as after a search; those trusted are never doubtful."""
     signs = list(members.values())
     log_ps, reasons = [each.log_p for each in signs], [each.violated for each in signs]
     by_laws = assessed_by_laws(list(members), log_ps, reasons, trusted)

@@ -9,7 +9,6 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 FASTEST = 1
 """Level of zlib: matrices are mostly zeros where materials are many, and that is all it finds."""
@@ -21,7 +20,9 @@ def encoded(value: Any) -> Any:
         items = [encoded(item) for item in value]
         return items if isinstance(value, list) else {"tuple": items}
     if isinstance(value, np.ndarray):
-        return encode_array(value)
+        numbers = np.ascontiguousarray(value)
+        packed = base64.b64encode(zlib.compress(numbers.tobytes(), FASTEST)).decode("ascii")
+        return {"shape": list(value.shape), "type": numbers.dtype.str, "zlib": packed}
     name = type(value).__name__
     if hasattr(value, "to_dict"):
         return {"class": name, "dict": value.to_dict()}
@@ -40,21 +41,9 @@ def decoded(data: Any, classes: Mapping[str, Any]) -> Any:
     if "tuple" in data:
         return tuple(decoded(data["tuple"], classes))
     if "zlib" in data:
-        return decode_array(data)
+        raw = zlib.decompress(base64.b64decode(data["zlib"]))
+        return np.frombuffer(raw, dtype=data["type"]).reshape(data["shape"]).copy()
     made = classes[data["class"]]
     if "dict" in data:
         return made.from_dict(data["dict"])
     return made(**{name: decoded(part, classes) for name, part in data["fields"].items()})
-
-
-def encode_array(array: NDArray[Any]) -> dict[str, Any]:
-    """Return an array (...,) of numbers as plain data."""
-    numbers = np.ascontiguousarray(array)
-    packed = base64.b64encode(zlib.compress(numbers.tobytes(), FASTEST)).decode("ascii")
-    return {"shape": list(array.shape), "type": numbers.dtype.str, "zlib": packed}
-
-
-def decode_array(data: Mapping[str, Any]) -> NDArray[Any]:
-    """Return the array (...,) that `encode_array` wrote."""
-    raw = zlib.decompress(base64.b64decode(data["zlib"]))
-    return np.frombuffer(raw, dtype=data["type"]).reshape(data["shape"]).copy()

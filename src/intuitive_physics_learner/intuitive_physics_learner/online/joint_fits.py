@@ -19,10 +19,7 @@ from intuitive_physics_learner.joint_estimation.order_of_fits import (
     StagedFit,
     drawn_starts,
 )
-from intuitive_physics_learner.joint_estimation.profiles import (
-    curvature_posterior,
-    one_sided_moves,
-)
+from intuitive_physics_learner.joint_estimation.profiles import curvature_posterior, one_sided_moves
 from intuitive_physics_learner.online.change_point import change_probability
 from intuitive_physics_learner.online.lone_fit import LARGEST_ADVANCE
 from intuitive_physics_learner.online.memory import age_weight
@@ -31,21 +28,15 @@ from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.publication import FEWEST_COMPARED, has_moved_far
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask
-from intuitive_physics_learner.search.search_space import ActiveSpace
 
-WINDOW_STEPS = 8
-"""Joint steps of all observations of the window after new ones; set by hand."""
-
-REFIT_STEPS = 60
-"""Joint steps of a fit to all observations that are kept from what was known before them; 16 boxes
-take 21 to 55."""
+WINDOW_STEPS, REFIT_STEPS, CONTINUED_STEPS = 8, 60, 20
+"""Joint steps at most of the window after new observations; of a fit to all that are kept from what
+was known before them, which 16 boxes take 21 to 55 for; and of one that begins at an estimate; set
+by hand."""
 
 WINDOW_SHARE = 0.5
 """Part of the time for new observations in which the window is fitted after them. The rest is saved
 up for refits, which otherwise had none left where a window takes long; set by hand."""
-
-CONTINUED_STEPS = 20
-"""Joint steps of one that begins at an estimate; set by hand."""
 
 COMPARED_BEYOND = (0.5, np.inf)
 """Times beyond the longest fit horizons up to which fits from different starts are compared, s: on
@@ -107,10 +98,7 @@ class JointProblem:
 
 @dataclass(frozen=True, eq=False)
 class JointFits:
-    """Fits what a state keeps to observations by their ids, with a simulator.
-
-    `seconds_left` of CPU time, called between steps.
-    """
+    """Fits what a state keeps; `seconds_left` of CPU time is called between steps."""
 
     state: OnlineState
     simulator: Simulator
@@ -118,10 +106,7 @@ class JointFits:
     seconds_left: Callable[[], float]
 
     def fit_window(self, observations: Mapping[str, Observation], new: int) -> None:
-        """Fit the observations of the window jointly and take the posterior over.
-
-        `new` : how many have come since it was fitted last
-        """
+        """Fit the window jointly and take over; `new` have come since it was fitted last."""
         state, left = self.state, self.seconds_left()
         if not state.window:
             return
@@ -162,14 +147,15 @@ class JointFits:
         for fit in continued:
             staged.jointly.add(fit)
         state.spread = np.zeros(state.unit.size)
-        state.spread[problem.parameters] = staged.jointly.choose(COMPARED_BEYOND)
+        staged.jointly.choose(COMPARED_BEYOND)
+        state.spread[problem.parameters] = staged.jointly.spread
         problem.take_over(staged.joint, with_spins=True)
         self._follow_profiles(problem, staged.joint)
         self._forget_what_disagrees()
         self._note_refit(problem, begun_anew if begun_anew in staged.jointly.fits else staged.joint)
         if len(problem.members) >= FEWEST_COMPARED:
             # It has explained all observations better than what is published.
-            state.win_trial(len(problem.members))
+            state.begin_trial(len(problem.members))
 
     def _follow_profiles(self, problem: JointProblem, fit: JointFit) -> None:
         """Note where the loss is flatter than slopes say; it takes as long as a few steps."""
@@ -195,17 +181,12 @@ class JointFits:
     ) -> JointProblem:
         """Return the fit of some members, to what is known without them."""
         state = self.state
-        observed = [observations[member.id] for member in members]
-        influence = state.influence(observed)
-        active: NDArray[np.bool_] = np.asarray(influence.any(axis=0))
-        parameters = np.flatnonzero(active)
-        prior = known.bounded(state.centre)
-        points = [detected(each) for each in observed]
+        points = [detected(observations[member.id]) for member in members]
         cost = TrajectoryCost(points, self.simulator, state.materials)
-        space = ActiveSpace(state.space, active, state.parameters)
         tau = self.options.time_constant
         ages = np.array([age_weight(state, member, tau) for member in members])
-        task = FitTask(cost, space, influence[:, active], prior.marginal(parameters), ages)
+        prior = known.bounded(state.centre)
+        parameters, task = state.fit_task(cost, prior, ages)
         return JointProblem(state, members, parameters, prior, task)
 
     def _forget_what_disagrees(self) -> None:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.joint_fit import (
     JointEstimationSettings,
@@ -15,16 +13,10 @@ from intuitive_physics_learner.joint_estimation.joint_fit import (
 from intuitive_physics_learner.joint_estimation.order_of_fits import log_evidences
 from intuitive_physics_learner.online.online_state import Member, OnlineState, Signs
 from intuitive_physics_learner.search.gaussian import Gaussian
-from intuitive_physics_learner.search.learning_task import FitTask
-from intuitive_physics_learner.search.search_space import ActiveSpace
 
-LONE_STEPS = 24
-"""Joint steps in which one observation is fitted by itself at most; set by hand: with
-`largest_advance` they suffice for 10 s of motion."""
-
-RETRY_STEPS = 60
-"""Joint steps of a second, more careful fit of an observation that cannot be explained; set by
-hand."""
+LONE_STEPS, RETRY_STEPS = 24, 60
+"""Joint steps at most of a fit to one observation, with `LARGEST_ADVANCE` enough for 10 s of
+motion, and of a second, more careful one where that cannot explain it; set by hand."""
 
 MISFIT_STEPS = 4
 """Number of last steps of a lone fit in which a misfit means that the motion cannot be explained
@@ -55,14 +47,7 @@ class LoneFit:
         careful: bool = False,
     ) -> None:
         (self.observation,) = cost.observations
-        (influence,) = state.influence(cost.observations)
-        self._parameters = np.flatnonzero(influence)
-        self._task = FitTask(
-            cost,
-            ActiveSpace(state.space, influence, state.parameters),
-            np.ones((1, self._parameters.size), dtype=bool),
-            prior.marginal(self._parameters),
-        )
+        self._parameters, self._task = state.fit_task(cost, prior)
         settings = JointEstimationSettings(scan_steps=scans)
         if not careful:
             settings = replace(settings, largest_advance=LARGEST_ADVANCE)

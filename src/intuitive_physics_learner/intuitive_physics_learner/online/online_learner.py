@@ -46,17 +46,15 @@ class OnlineLearner:
 
     Parameters
     ----------
-    simulator : the engine that simulates candidates
-    options : how to learn; None for the defaults
-    state : of a learner to continue exactly; None to begin with nothing
-    observations : `kept_observations` of that learner, in any order
+    state : of a learner to continue exactly, with the `observations` that it kept, in any order;
+        None to begin with nothing
     recall : returns earlier observations by their ids, those that are still to be learned from;
         None: what may be needed of them is kept here
 
     Attributes
     ----------
     state : to be stored after `learn_from_all`
-    problem : why the last observation that was passed over cannot be simulated; empty if none was
+    problem : why the last observation that was passed over cannot be simulated; empty: none was
     """
 
     def __init__(
@@ -92,15 +90,9 @@ class OnlineLearner:
     ) -> list[Assessment]:
         """Learn from new observations, in their order; those that are known are passed over.
 
-        Parameters
-        ----------
-        observations : new ones
-        seconds_left : called between steps; each observation takes its part in any case
-        trusted : ids of those that a user has included, which are never set aside
-
-        Returns
-        -------
-        What is to be noted about single observations, doubtful ones and those taken back.
+        `seconds_left` is called between steps; each observation takes its part in any case.
+        `trusted` are ids of those that a user has included, which are never set aside. Returns what
+        is to be noted about single observations, doubtful ones and those taken back.
         """
         state, fits = (
             self.state,
@@ -135,13 +127,10 @@ class OnlineLearner:
         return assessments
 
     def adopt(self, learned: LearnedParameters, *, informed: bool) -> None:
-        """Begin again from a version of θ_s that was stored by others.
+        """Begin again from a version of θ_s that others stored; it is the published one.
 
-        Parameters
-        ----------
-        learned : the version; it is what is published from now on
-        informed : whether its uncertainty is knowledge to start with; otherwise only its values are
-            a start, and the observations say the rest
+        `informed` is whether its uncertainty is knowledge to start with; otherwise only its values
+        are a start, and the observations say the rest.
         """
         self.state.know_materials(learned.materials)
         state = self.state
@@ -230,7 +219,7 @@ class OnlineLearner:
         state.unit = np.clip(state.prior.mean, 0.0, 1.0)
         fits.fit_window(self._observations, length)
         # Observations that agree on a change have compared it with what is published.
-        state.win_trial(length)
+        state.begin_trial(length)
         return assessments
 
     def _read_doubtful(self) -> None:

@@ -27,15 +27,13 @@ from intuitive_physics.parameter_space import (
     parameters_of_vector,
 )
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics.prior_knowledge.spin_evidence import (
-    SpinEvidence,
-    SpinLikelihood,
-)
+from intuitive_physics.prior_knowledge.spin_evidence import SpinEvidence, SpinLikelihood
+from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, ObservationFit
-from intuitive_physics_learner.joint_estimation.normal_equations import LocalLikelihood
 from intuitive_physics_learner.online.encoding import decoded, encoded
-from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
+from intuitive_physics_learner.search.learning_task import FitTask
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
 FORMAT = "intuitive_physics/online_state/6"
@@ -118,10 +116,7 @@ class Refitted:
     deviations: NDArray[np.float64]
 
     def among(self, places: NDArray[np.int64], size: int) -> Refitted:
-        """Return the same among more parameters, of which nothing is known.
-
-        `places` (n,) indices of these n parameters among all.
-        """
+        """Return the same among `size` parameters, at `places` (n,); of others nothing is known."""
         unit, deviations = np.zeros(size), np.full(size, UNIFORM_PRECISION**-0.5)
         unit[places], deviations[places] = self.unit, self.deviations
         return Refitted(self.used, unit, deviations)
@@ -245,13 +240,9 @@ class OnlineState:
             self.ground = self.ground.without(parameters).joined(self.given().part(parameters))
         self.retired = self.retired.without(parameters).joined(self.ground.part(parameters))
 
-    def begin_trial(self) -> None:
-        """Let what is known now stand against what is published."""
-        self.challenger, self.score, self.compared = self.posterior, 0.0, 0
-
-    def win_trial(self, count: int) -> None:
-        """Let what is known now have won, by `count` observations that were compared already."""
-        self.challenger, self.score, self.compared = self.posterior, count * LARGEST_VOTE, count
+    def begin_trial(self, won: int = 0) -> None:
+        """Let what is known now stand against what is published, `won` observations ahead."""
+        self.challenger, self.score, self.compared = self.posterior, won * LARGEST_VOTE, won
 
     def end_trial(self) -> None:
         """Let nothing stand against what is published."""
@@ -276,6 +267,21 @@ class OnlineState:
     def influence(self, observations: Sequence[Observation]) -> NDArray[np.bool_]:
         """Which observation depends on which parameter that is not held, (n_observations, n)."""
         return np.asarray(parameter_influence(observations, self.materials) & ~self.held)
+
+    def fit_task(
+        self, cost: Cost, known: Gaussian, weights: NDArray[np.float64] | None = None
+    ) -> tuple[NDArray[np.int64], FitTask]:
+        """Return the fit to the observations of a cost, by what is known of all n parameters.
+
+        `weights` (n_observations,) with which each counts; None: 1. Returns the indices (k,) of the
+        parameters that any of them depends on, and the fit over these.
+        """
+        influence = self.influence(cost.observations)
+        active: NDArray[np.bool_] = np.asarray(influence.any(axis=0))
+        parameters = np.flatnonzero(active)
+        space = ActiveSpace(self.space, active, self.parameters)
+        prior = known.marginal(parameters)
+        return parameters, FitTask(cost, space, influence[:, active], prior, weights)
 
     @property
     def space(self) -> ParameterSpace:

@@ -16,20 +16,19 @@ from intuitive_physics.parameter_posterior import (
     UNIFORM_PRECISION,
     ParameterPosterior,
 )
-from intuitive_physics.parameter_space import (
-    ParameterSpace,
-    parameter_vector,
-    parameters_of_vector,
-)
-from intuitive_physics_learner.joint_estimation.half_agreement import agreed_deviations
-from intuitive_physics_learner.joint_estimation.jackknife import jackknife_variances
+from intuitive_physics.parameter_space import parameter_vector, parameters_of_vector
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
 from intuitive_physics_learner.joint_estimation.profiles import (
-    UNIFORM,
+    ends_in_si_units,
+    interval_ends,
     is_one_sided,
     mean_square_moves,
 )
-from intuitive_physics_learner.joint_estimation.widened_information import widened_information
+from intuitive_physics_learner.joint_estimation.widened_uncertainty import (
+    agreed_deviations,
+    jackknife_variances,
+    widened_information,
+)
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.online.lone_fit import LoneFit
 from intuitive_physics_learner.online.online_state import OnlineState
@@ -50,18 +49,13 @@ STRAYED = 3.0
 """Move of a parameter in its standard deviations from a challenger, beyond which it is not what
 these observations were predicted by."""
 
-SMALLEST_MOVE = 0.1
-"""Move of a parameter in its standard deviations that is worth a new version; set by hand."""
-
-SMALLEST_NARROWING = 0.05
-"""Part by which a standard deviation must change to be worth a new version; set by hand."""
+SMALLEST_MOVE, SMALLEST_NARROWING = 0.1, 0.05
+"""Move of a parameter in its standard deviations, and part by which these change, that are worth a
+new version; set by hand."""
 
 
 def count_prediction(state: OnlineState, fit: LoneFit) -> None:
-    """Add how much better the challenger predicted an observation than what is published.
-
-    `fit` is to what is known now; both predictions begin where it ends.
-    """
+    """Add how much better the challenger predicts on from a fit than what is published."""
     if state.challenger is None:
         return
     horizon = fit.observation_fit.horizon + BEYOND
@@ -113,8 +107,9 @@ def next_version(state: OnlineState, cost: float) -> LearnedParameters:
     covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(widths.size))
     covariance[held], covariance[:, held] = 0.0, 0.0
     deviations = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
-    ends = _interval_ends(state, widths)
-    intervals = _in_si_units(space, state.unit, ends)
+    one_sided = is_one_sided(state.free, widths) & ~held
+    ends = interval_ends(state.unit, state.free, widths, one_sided)
+    intervals = ends_in_si_units(space, state.unit, ends, np.arange(widths.size))
     posterior = ParameterPosterior.from_information(
         state.materials, space.to_unit(parameters), information, space.bounds, ends
     )
@@ -162,29 +157,6 @@ def _differs(state: OnlineState, before: Gaussian) -> NDArray[np.bool_]:
     deviations = _deviations(state)
     moved = _distance(state, before) > SMALLEST_MOVE * deviations
     return moved | (np.abs(deviations / before.deviations - 1.0) > SMALLEST_NARROWING)
-
-
-def _interval_ends(state: OnlineState, widths: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Ends (n, 2) on the unit cube of one-sided intervals; NaN for parameters without one.
-
-    `widths` (n,) standard deviations that are published.
-    """
-    one_sided = is_one_sided(state.free, widths) & ~state.held
-    moves = np.maximum(state.free, UNIFORM * widths[:, None]) * (-1.0, 1.0)
-    ends = np.clip(state.unit[:, None] + moves, 0.0, 1.0)
-    return np.where(one_sided[:, None], ends, np.nan)
-
-
-def _in_si_units(
-    space: ParameterSpace, unit: NDArray[np.float64], ends: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Intervals (n, 2) in SI units by their ends on the unit cube, the others at an estimate."""
-    intervals = np.full_like(ends, np.nan)
-    for axis, side in np.argwhere(~np.isnan(ends)):
-        moved = unit.copy()
-        moved[axis] = ends[axis, side]
-        intervals[axis, side] = parameter_vector(space.to_parameters(moved))[axis]
-    return intervals
 
 
 def _widened(state: OnlineState, widths: NDArray[np.float64]) -> Gaussian:

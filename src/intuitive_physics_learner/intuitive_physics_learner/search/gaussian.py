@@ -11,32 +11,42 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION, ParameterPosterior
+from intuitive_physics.prior_knowledge.spin_evidence import SpinLikelihood
 
 
-class QuadraticLikelihood(Protocol):
-    """What an observation says of q parameters near an estimate of them."""
+@dataclass(frozen=True, eq=False)
+class LocalLikelihood:
+    """Likelihood of one observation near an estimate û of its q parameters, by itself.
 
-    @property
-    def parameters(self) -> NDArray[np.int64]:
-        """Indices (q,) among all parameters."""
+    With its initial states integrated out by Laplace's approximation, its negative logarithm is
 
-    @property
-    def estimate(self) -> NDArray[np.float64]:
-        """Estimate (q,) û, on the unit cube."""
+        l(u) = l(û) + gᵀ (u - û) + ½ (u - û)ᵀ Λ (u - û),
 
-    @property
-    def information(self) -> NDArray[np.float64]:
-        """Curvature (q, q) Λ_i of the negative log likelihood, per width²."""
+    where l(û) is the loss at the estimate plus ½ ln det(P_s^-½ H_ss P_s^-½), by which the data
+    narrow its initial states. The weight with which a fit counts it is left out.
 
-    @property
-    def scores(self) -> NDArray[np.float64]:
-        """Slope (q,) g of it at û, per width."""
+    Parameters
+    ----------
+    parameters : (q,) indices among all parameters
+    estimate : (q,) û, on the unit cube
+    information : (q, q) Λ, per width²
+    scores : (q,) g, per width
+    loss : l(û), without a unit
+    spins : what the observation says of each initial spin that was a guess, θ_s and all else
+        integrated out
+    """
+
+    parameters: NDArray[np.int64]
+    estimate: NDArray[np.float64]
+    information: NDArray[np.float64]
+    scores: NDArray[np.float64]
+    loss: float
+    spins: tuple[SpinLikelihood, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,34 +121,27 @@ class Gaussian:
         return np.sqrt(np.diag(self.covariance))
 
     def losses(self, units: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the negative logarithm of the density (c,), but for a constant.
-
-        `units` (c, n) points of the unit cube.
-        """
+        """Negative logarithm (c,) of the density at `units` (c, n), but for a constant."""
         off = units - self.mean
         return 0.5 * np.einsum("ci,ij,cj->c", off, self.precision, off)
 
     def scores(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the gradient (n,) of the loss, per width.
-
-        `unit` (n,) point of the unit cube.
-        """
+        """Return the gradient (n,) of the loss at `unit` (n,), per width."""
         if self.stated_mean is not None:
             return self.precision @ (unit - self.stated_mean)
         return self.precision @ unit - self.pull
 
     def rises(self, unit: NDArray[np.float64], away: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return by how much the loss rises where single parameters move, all others staying.
+        """Rises (n, k) of the loss where single parameters move, all others staying.
 
-        `unit` (n,) point of the unit cube; `away` (n, k) widths, k moves of each parameter. Returns
-        (n, k).
+        `unit` (n,) point of the unit cube; `away` (n, k) widths, k moves of each parameter.
         """
         rises = self.scores(unit)[:, None] * away
         rises += 0.5 * np.diag(self.precision)[:, None] * away**2
         return rises
 
     def plus(
-        self, likelihoods: Sequence[QuadraticLikelihood], weights: Iterable[float] | None = None
+        self, likelihoods: Sequence[LocalLikelihood], weights: Iterable[float] | None = None
     ) -> Gaussian:
         """Add what observations say, each times its weight, in the order of `likelihoods`; None: 1.
 
@@ -158,10 +161,7 @@ class Gaussian:
         return Gaussian(self.precision + weight * other.precision, self.pull + weight * other.pull)
 
     def bounded(self, centre: NDArray[np.float64]) -> Gaussian:
-        """Add that parameters lie within their bounds.
-
-        `centre` (n,) mean where nothing else is known.
-        """
+        """Add that parameters lie within bounds; `centre` (n,) mean where nothing is known."""
         precision = self.precision + UNIFORM_PRECISION * np.eye(centre.size)
         pull = self.pull - self.precision @ centre
         return Gaussian.about(centre + np.linalg.solve(precision, pull), precision)
@@ -207,17 +207,11 @@ class Gaussian:
         return left.among(rest, self.pull.size)
 
     def part(self, parameters: NDArray[np.int64]) -> Gaussian:
-        """Return what is known of some parameters whatever the others are, and nothing of these.
-
-        `parameters` (k,) their indices.
-        """
+        """Return what is known of `parameters` (k,) whatever others are, and nothing of these."""
         return self.without(np.setdiff1d(np.arange(self.pull.size), parameters))
 
     def among(self, places: NDArray[np.int64], size: int) -> Gaussian:
-        """Return the same among more parameters, of which nothing is known.
-
-        `places` (n,) indices of these n parameters among all.
-        """
+        """Return the same among `size` parameters, at `places` (n,); of others nothing is known."""
         wider = Gaussian.nothing(size)
         wider.precision[np.ix_(places, places)] = self.precision
         wider.pull[places] = self.pull

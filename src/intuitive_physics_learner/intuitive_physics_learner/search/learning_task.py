@@ -12,7 +12,7 @@ from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.cost.wrapped_costs import PartialCost
 from intuitive_physics_learner.search.gaussian import Gaussian
-from intuitive_physics_learner.search.search_space import ActiveSpace, PartialSpace, SearchSpace
+from intuitive_physics_learner.search.search_space import ActiveSpace
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class FitTask:
     """
 
     cost: Cost
-    space: SearchSpace
+    space: ActiveSpace
     influence: NDArray[np.bool_]
     prior: Gaussian
     given_weights: NDArray[np.float64] | None = None
@@ -57,7 +57,7 @@ class FitTask:
         """
         return FitTask(
             PartialCost(self.cost, members),
-            PartialSpace(self.space, chosen, self.prior.mean),
+            self.space.part(chosen, self.prior.mean),
             self.influence[np.ix_(members, chosen)],
             self.prior.marginal(chosen),
             self.weights[members],

@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import StaticParameters
+from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.search.convergence import (
     ConvergenceCriteria,
@@ -20,7 +21,8 @@ from intuitive_physics_learner.search.convergence import (
     StopReason,
 )
 from intuitive_physics_learner.search.learning_task import LearningTask
-from intuitive_physics_learner.search.search_space import SearchSpace
+from intuitive_physics_learner.search.plain_state import Resumable
+from intuitive_physics_learner.search.search_space import ActiveSpace
 from intuitive_physics_learner.search.update_rules import UpdateRule
 
 CostFunction = Callable[[Sequence[StaticParameters]], NDArray[np.float64]]
@@ -36,8 +38,10 @@ RELATIVE_GAIN = 1e-4
 """Part of J by which it must fall to count as a gain; set by hand."""
 
 
-class Search(ABC):
+class Search(Resumable, ABC):
     """A search that can run, return its state, and continue from that exactly."""
+
+    remembered: ClassVar[tuple[str, ...]] = ("_history", "_gain_iteration", "_gain_cost")
 
     def __init__(self) -> None:
         self._history: list[float] = []
@@ -61,11 +65,9 @@ class Search(ABC):
 
     @abstractmethod
     def keep_start(self, task: LearningTask) -> bool:
-        """Go back to the task's start where that explains the observations better.
+        """Go back to the task's start where it explains the observations better; return whether.
 
         A search that is stopped early must not replace a θ_s by a worse one.
-
-        Returns whether the start is better than what was found.
         """
 
     def plan(self, criteria: ConvergenceCriteria) -> None:
@@ -82,10 +84,7 @@ class Search(ABC):
 
     @abstractmethod
     def step(self, limit: int) -> int:
-        """Do a piece of work of up to `limit` evaluations of J; return how many there were.
-
-        None were left to do when it returns 0.
-        """
+        """Evaluate J up to `limit` times; return how often, 0 when nothing is left to do."""
 
     def run(
         self,
@@ -99,14 +98,9 @@ class Search(ABC):
         """Step until a criterion is met or `cancelled` returns True; at least one step.
 
         Iterations of a state that was loaded count, seconds do not; where it has met a criterion no
-        step is taken.
-
-        Parameters
-        ----------
-        on_checkpoint : called with the `state_dict` at most every `CHECKPOINT_PERIOD`, and at the
-            end
-        reserve : given the s that the search has taken, returns the s of the time limit to leave
-            for what comes after it
+        step is taken. `on_checkpoint` gets the `state` at most every `CHECKPOINT_PERIOD`, and at
+        the end; `reserve` returns the s of the time limit to leave for what comes after a search of
+        some s.
         """
         began = saved = time.monotonic()
         reason = self._stop_reason(criteria, 0.0, False, None) if self.iterations else None
@@ -122,12 +116,12 @@ class Search(ABC):
             if on_progress is not None and evaluated:
                 on_progress(self._progress_since(before, seconds, criteria))
             if on_checkpoint is not None and time.monotonic() - saved >= CHECKPOINT_PERIOD:
-                on_checkpoint(self.state_dict())
+                on_checkpoint(self.state())
                 saved = time.monotonic()
             spent = seconds + reserve(seconds)
             reason = self._stop_reason(criteria, spent, evaluated == 0, cancelled)
         if on_checkpoint is not None:
-            on_checkpoint(self.state_dict())
+            on_checkpoint(self.state())
         if reason is not StopReason.CANCELLED:
             self.conclude()
         return SearchResult(
@@ -137,31 +131,6 @@ class Search(ABC):
             reason,
             time.monotonic() - began,
         )
-
-    def state_dict(self) -> dict[str, Any]:
-        """Plain data from which a search over the same space and cost continues exactly."""
-        return {
-            "history": list(self._history),
-            "gain_iteration": self._gain_iteration,
-            # JSON has no infinity.
-            "gain_cost": self._gain_cost if self._history else None,
-            **self.own_state(),
-        }
-
-    def load_state(self, state: Mapping[str, Any]) -> None:
-        """Continue from what `state_dict` returned."""
-        self._history = list(state["history"])
-        self._gain_iteration = state["gain_iteration"]
-        self._gain_cost = np.inf if state["gain_cost"] is None else state["gain_cost"]
-        self.load_own_state(state)
-
-    @abstractmethod
-    def own_state(self) -> dict[str, Any]:
-        """Return the part of the state that belongs to this search, as plain data."""
-
-    @abstractmethod
-    def load_own_state(self, state: Mapping[str, Any]) -> None:
-        """Read what `own_state` returned."""
 
     def _record(self, cost: float) -> None:
         """Count one evaluation of J, that of `best_parameters` being `cost` after it."""
@@ -207,7 +176,11 @@ class Search(ABC):
 class ParameterSearch(Search):
     """Algorithm 1 with an update rule."""
 
-    def __init__(self, cost: CostFunction, space: SearchSpace, rule: UpdateRule) -> None:
+    remembered = (*Search.remembered, "_best_point")
+
+    def __init__(
+        self, cost: CostFunction, space: ParameterSpace | ActiveSpace, rule: UpdateRule
+    ) -> None:
         super().__init__()
         if rule.size != space.size:
             raise InvalidInputError(
@@ -244,17 +217,12 @@ class ParameterSearch(Search):
             self._best_point = task.begin
         return better
 
-    def own_state(self) -> dict[str, Any]:
-        point = self._best_point
-        return {
-            "rule": self._rule.state_dict(),
-            "best_point": None if point is None else point.tolist(),
-        }
+    def state(self) -> dict[str, Any]:
+        return {**super().state(), "rule": self._rule.state_dict()}
 
-    def load_own_state(self, state: Mapping[str, Any]) -> None:
+    def load_state(self, state: Mapping[str, Any]) -> None:
+        super().load_state(state)
         self._rule.load_state(state["rule"])
-        point = state["best_point"]
-        self._best_point = None if point is None else np.array(point)
 
 
 def _reached(value: float, limit: float | None) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from copy import copy
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,20 +12,6 @@ from intuitive_physics.parameter_space import ParameterSpace
 
 STATIC, DYNAMIC = map(PAIR_COEFFICIENTS.index, ("static_friction", "dynamic_friction"))
 """Indices of μ_s and μ_d among the coefficients of a pair."""
-
-
-class SearchSpace(Protocol):
-    """The interface of `ParameterSpace`, or of a part of it, that a search needs."""
-
-    @property
-    def size(self) -> int:
-        """Number of parameters that are searched."""
-
-    def to_parameters(self, unit: ArrayLike) -> StaticParameters:
-        """Map a point of the unit cube to θ_s.
-
-        `unit` (size,) point, each coordinate from 0 to 1.
-        """
 
 
 class ActiveSpace:
@@ -41,7 +27,7 @@ class ActiveSpace:
         self, space: ParameterSpace, active: NDArray[np.bool_], others: StaticParameters
     ) -> None:
         self._space = space
-        self._active = active
+        self._places = np.flatnonzero(active)
         self._others = others
         self._unit = space.to_unit(others)
         m = len(space.materials)
@@ -54,20 +40,17 @@ class ActiveSpace:
     @property
     def size(self) -> int:
         """Number of active parameters."""
-        return int(self._active.sum())
+        return self._places.size
 
     @property
     def names(self) -> list[str]:
         """Name of each axis, as `parameter_names`."""
-        return [n for n, active in zip(self._space.names, self._active, strict=True) if active]
+        return [self._space.names[k] for k in self._places]
 
     def to_parameters(self, unit: ArrayLike) -> StaticParameters:
-        """Map a point of the cube to θ_s.
-
-        `unit` (size,) point, each coordinate from 0 to 1.
-        """
+        """Map a point of the cube, `unit` (size,) from 0 to 1, to θ_s."""
         whole = self._unit.copy()
-        whole[self._active] = unit
+        whole[self._places] = unit
         parameters = self._space.to_parameters(whole)
         if not self._held.any():
             return parameters
@@ -80,33 +63,12 @@ class ActiveSpace:
 
     def to_unit(self, parameters: StaticParameters) -> NDArray[np.float64]:
         """Map θ_s to the cube, (size,) coordinates from 0 to 1."""
-        return self._space.to_unit(parameters)[self._active]
+        return self._space.to_unit(parameters)[self._places]
 
-
-class PartialSpace:
-    """The unit cube of some axes of another space; the others are held.
-
-    `chosen` (k,) indices of the parameters that are searched; `unit` (n,) point of its cube that
-    the others are taken from.
-    """
-
-    def __init__(
-        self, space: SearchSpace, chosen: NDArray[np.int64], unit: NDArray[np.float64]
-    ) -> None:
-        self._space = space
-        self._chosen = chosen
-        self._unit = unit
-
-    @property
-    def size(self) -> int:
-        """Number of parameters that are searched."""
-        return self._chosen.size
-
-    def to_parameters(self, unit: ArrayLike) -> StaticParameters:
-        """Map a point of the cube to θ_s.
-
-        `unit` (k,) point, each coordinate from 0 to 1.
-        """
-        whole = self._unit.copy()
-        whole[self._chosen] = unit
-        return self._space.to_parameters(whole)
+    def part(self, chosen: NDArray[np.int64], unit: NDArray[np.float64]) -> ActiveSpace:
+        """Return the cube of some axes, `chosen` (k,) by index, others held at `unit` (size,)."""
+        part = copy(self)
+        part._unit = self._unit.copy()
+        part._unit[self._places] = unit
+        part._places = self._places[chosen]
+        return part

@@ -49,10 +49,7 @@ class CurrentParameters:
             return True
 
     def extended(self) -> LearnedParameters | None:
-        """Return θ_s over all observed materials, with defaults for those that were not learned.
-
-        None while no material is known.
-        """
+        """Return θ_s over all observed materials, new ones by default; None without any."""
         if self.newest is None and not self._materials:
             return None
         newest = self.newest or LearnedParameters.defaults(self._materials)

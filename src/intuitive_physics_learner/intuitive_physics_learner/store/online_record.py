@@ -36,10 +36,7 @@ class NewObservations:
 
 
 class OnlineRecord:
-    """The part of an open database that learning in the background reads.
-
-    The time of reading does not grow with the number of observations.
-    """
+    """The part of an open database that learning in the background reads, in constant time."""
 
     def __init__(self, database: Database) -> None:
         self._database = database

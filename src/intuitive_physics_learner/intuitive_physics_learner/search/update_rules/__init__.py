@@ -26,13 +26,7 @@ from intuitive_physics_learner.search.update_rules.single_point_search import (
 )
 from intuitive_physics_learner.search.update_rules.update_rule import UpdateRule
 
-__all__ = [
-    "ALL_RULES",
-    "FURTHER_RULES",
-    "UPDATE_RULES",
-    "UpdateRule",
-    "make_update_rule",
-]
+__all__ = ["ALL_RULES", "FURTHER_RULES", "UPDATE_RULES", "UpdateRule", "make_update_rule"]
 
 UPDATE_RULES: dict[str, type[UpdateRule]] = {
     rule.name: rule
@@ -66,15 +60,9 @@ def make_update_rule(
     start: ArrayLike | None = None,
     **settings: Any,
 ) -> UpdateRule:
-    """Return the update rule of that name.
+    """Return the update rule of that name, one of `UPDATE_RULES` or `FURTHER_RULES`.
 
-    Parameters
-    ----------
-    name : one of `UPDATE_RULES` or `FURTHER_RULES`
-    size : number of parameters n
-    generator : the only source of randomness; owned by the rule from now on
-    start : (n,) point of the unit cube proposed before all others
-    settings : of the rule, instead of its `defaults`
+    All else is as `UpdateRule` has it, of which `start` (n,).
 
     Raises
     ------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ class ClimbingRule(UpdateRule):
     point : (n,) current point of the unit cube; None before the first
     cost : J in m at the current point
     """
+
+    remembered: ClassVar[tuple[str, ...]] = ("point", "cost")
 
     def _prepare(self) -> None:
         self.point: NDArray[np.float64] | None = None
@@ -52,19 +54,6 @@ class ClimbingRule(UpdateRule):
     def _after(self, gained: bool) -> None:
         """Prepare what comes next, knowing whether the last candidates brought a gain."""
 
-    def own_state(self) -> dict[str, Any]:
-        return {
-            **super().own_state(),
-            "point": None if self.point is None else self.point.tolist(),
-            # JSON has no infinity.
-            "cost": None if self.point is None else self.cost,
-        }
-
-    def load_own_state(self, state: dict[str, Any]) -> None:
-        super().load_own_state(state)
-        self.point = None if state["point"] is None else np.array(state["point"])
-        self.cost = np.inf if state["cost"] is None else state["cost"]
-
 
 class CoordinateDescent(ClimbingRule):
     """Sweeps over all parameters, each sweep in a new random order."""
@@ -74,7 +63,7 @@ class CoordinateDescent(ClimbingRule):
     defaults: ClassVar[Mapping[str, float]] = {"increment": 0.05}
     """increment: δp, step of a parameter on the unit interval."""
 
-    remembered = ("_order", "_position")
+    remembered = (*ClimbingRule.remembered, "_order", "_position")
 
     def _prepare(self) -> None:
         super()._prepare()
@@ -108,7 +97,7 @@ class ParameterGradientSearch(ClimbingRule):
     """learning_rate: α, first step on the unit interval; smallest_step: β, below which the next
     parameter is targeted."""
 
-    remembered = ("_step", "_target", "targets_done")
+    remembered = (*ClimbingRule.remembered, "_step", "_target", "targets_done")
 
     def _prepare(self) -> None:
         super()._prepare()

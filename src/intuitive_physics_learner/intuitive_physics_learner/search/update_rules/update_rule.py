@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from copy import copy
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.validation import finite_array, positive_float
+from intuitive_physics_learner.search.plain_state import restore, state_of
 
 
 class UpdateRule(ABC):
@@ -70,10 +70,7 @@ class UpdateRule(ABC):
     def ask(self, limit: int) -> NDArray[np.float64]:
         """Return the next candidates, shape (k, n) with k ≤ limit; k = 0 when there are no more.
 
-        Raises
-        ------
-        InvalidInputError
-            When the limit is below one or the costs of the last candidates were not given.
+        Raises `InvalidInputError` when the limit is below one or the last costs were not given.
         """
         if limit < 1:
             raise InvalidInputError(f"asked for {limit} candidates; expected at least 1")
@@ -86,12 +83,7 @@ class UpdateRule(ABC):
         return portion.copy()
 
     def tell(self, costs: ArrayLike) -> None:
-        """Take the costs of the candidates that were asked for last.
-
-        Parameters
-        ----------
-        costs : (k,) m
-        """
+        """Take the costs (k,), m, of the candidates that were asked for last."""
         values = finite_array(costs, "costs", (self._pending,))
         self._pending = 0
         self._costs += values.tolist()
@@ -104,10 +96,7 @@ class UpdateRule(ABC):
     def state_dict(self) -> dict[str, Any]:
         """Everything a rule of the same kind and settings needs to continue exactly, as plain data.
 
-        Raises
-        ------
-        InvalidInputError
-            When the costs of the last candidates were not given.
+        Raises `InvalidInputError` when the costs of the last candidates were not given.
         """
         self._check_updated("asked for the state")
         within = self._generation is not None
@@ -123,12 +112,9 @@ class UpdateRule(ABC):
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """Continue from what `state_dict` of a rule of the same kind and settings returned.
+        """Continue from the `state_dict` of a rule of the same kind and settings.
 
-        Raises
-        ------
-        InvalidInputError
-            When the state is of another rule, size or settings.
+        Raises `InvalidInputError` when it is of another rule, size or settings.
         """
         for key, expected in (
             ("rule", self.name),
@@ -173,23 +159,16 @@ class UpdateRule(ABC):
         """
 
     def update(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> None:
-        """Take the costs of a whole generation; by default nothing depends on them.
-
-        Parameters
-        ----------
-        points : (k, n) of the unit cube
-        costs : (k,) m
-        """
+        """Take the `points` (k, n) and `costs` (k,), m, of a generation; by default no more."""
         return
 
     def own_state(self) -> dict[str, Any]:
         """Return the part of the state that belongs to this rule, as plain data."""
-        return {name.lstrip("_"): copy(getattr(self, name)) for name in self.remembered}
+        return state_of(self, self.remembered)
 
     def load_own_state(self, state: dict[str, Any]) -> None:
         """Read what `own_state` returned."""
-        for name in self.remembered:
-            setattr(self, name, copy(state[name.lstrip("_")]))
+        restore(self, self.remembered, state)
 
 
 def _unit_point(value: ArrayLike, size: int) -> NDArray[np.float64]:

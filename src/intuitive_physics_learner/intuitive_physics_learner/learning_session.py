@@ -253,7 +253,13 @@ def _reserved(search: Search, task: LearningTask, seconds: float, limit: float) 
 def search_parameters(
     observations: Sequence[Observation], simulator: Simulator, options: LearningOptions
 ) -> SearchResult:
-    """Search θ_s without its identifiability; raises as `learn`."""
+    """Search θ_s without its identifiability.
+
+    Raises
+    ------
+    NoObservationsError, UnknownMethodError, UnsupportedSceneError, InvalidInputError
+        As `learn`.
+    """
     clean, _, options = _assessed(observations, options)
     _, task = _begin(clean, simulator, options, None, None, TrajectoryCost)
     search = make_search(

@@ -82,8 +82,16 @@ def learn_from_store(
 
     About once a second the state of the search is stored. The same search, started again after it
     was killed or cancelled, continues from there and ends as if it had not stopped; a version of
-    θ_s that was stored meanwhile makes it another search. The other parameters are as `learn` has
-    them.
+    θ_s that was stored meanwhile makes it another search.
+
+    Parameters
+    ----------
+    store : of observations and θ_s
+    simulator : the engine that simulates candidates
+    options : how to learn
+    on_progress : called after each step of the search
+    cancelled : polled between batches of candidates
+    make_cost : what evaluates J; by default this process
 
     Raises
     ------

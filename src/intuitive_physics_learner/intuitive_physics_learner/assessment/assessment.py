@@ -53,8 +53,11 @@ losses of ten to twenty segments of six points has 0.14 to 0.17, and motions are
 SMALLEST_LOG_P = -25.0
 """Logarithm of a p value at least: no noise model holds further out."""
 
-ALTERNATIVE_POWER, DISTURBED_PRIOR = 0.2, (1.0, 9.0)
-"""A of the density Beta(a, 1) of p of disturbed ones, Beta prior of their share; set by hand."""
+ALTERNATIVE_POWER = 0.2
+"""A of the density Beta(a, 1) of p of disturbed ones, set by hand."""
+
+DISTURBED_PRIOR = (1.0, 9.0)
+"""Beta prior of the share of disturbed observations, set by hand."""
 
 LARGEST_SHARE = 0.5
 """Share of disturbed observations at most: most are good."""
@@ -69,10 +72,17 @@ MIXTURE_STEPS = 100
 def assess_observations(
     observations: Sequence[Observation], trusted: Collection[str] = ()
 ) -> tuple[list[Observation], list[Assessment]]:
-    """Test laws of motion on each observation, which has detections if it was smoothed.
+    """Test laws of motion on each observation.
 
-    Those whose ids are `trusted` by a user are assessed, but never doubtful. Returns the
-    observations, doubtful ones up to where they were disturbed, and the assessment of each.
+    Parameters
+    ----------
+    observations : with detections where they were smoothed
+    trusted : ids of those that a user holds for good: they are assessed, but never doubtful
+
+    Returns
+    -------
+    clean : the observations, those that are doubtful up to where they were disturbed
+    assessments : of each, in the same order
     """
     all_violations = violations_of(observations)
     assessments = assessed_by_laws(

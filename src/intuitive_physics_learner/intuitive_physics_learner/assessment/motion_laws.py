@@ -18,13 +18,19 @@ from intuitive_physics_learner.assessment.tracks import Track
 FLIGHT_POINTS = (7, 12, 24)
 """Numbers of neighbouring points to which a free flight is fitted."""
 
-CLEARANCE, CLEAR_NOISES = 0.02, 2.0
-"""Smallest gap between an object in free flight and all that it may touch, m, and what is added to
-it, in standard deviations of the noise; set by hand."""
+CLEARANCE = 0.02
+"""Smallest gap between an object in free flight and all that it may touch, set by hand, m."""
 
-FLIGHT_ACCELERATION, AIR_ACCELERATION = 0.5, 10.0
-"""Standard deviations of an acceleration beyond g, m/s²: drag of a tennis ball at 5 m/s, or a
-vertical that is 3 degrees off; and with drag or Magnus force, of what may be light as a balloon."""
+CLEAR_NOISES = 2.0
+"""Gap that a free flight keeps beyond `CLEARANCE`, in standard deviations of the noise."""
+
+FLIGHT_ACCELERATION = 0.5
+"""Standard deviation of an acceleration beyond g, m/s²: drag of a tennis ball at 5 m/s, or a
+vertical that is 3 degrees off."""
+
+AIR_ACCELERATION = 10.0
+"""Standard deviation of an acceleration beyond g of an object with drag or Magnus force, which may
+be as light as a balloon, m/s²."""
 
 JUMP_DURATION = 0.15
 """Longest time between points of a jump, s."""
@@ -35,9 +41,14 @@ IMPULSE_POINTS = 12
 STEADY_P = 0.01
 """P value of the scatter of points above which these are steady."""
 
-REST_POINTS, SIDE_GAP, HEIGHT_ERROR = 24, 0.1, 0.05
-"""Points over which an object rests; gap to walls and other objects that its test asks for, m; and
-error of its height, of shape and plane, m."""
+REST_POINTS = 24
+"""Points over which an object rests."""
+
+SIDE_GAP = 0.1
+"""Gap to walls and other objects that a test of what rests asks for, m."""
+
+HEIGHT_ERROR = 0.05
+"""Error of a resting object's height, of shape and plane, m."""
 
 HOLD_DURATION = 1.0
 """Time that a hand takes to catch and carry an object, s."""

@@ -89,9 +89,11 @@ def undisturbed_misfits(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Follow undisturbed motions of all observations, until no time is left.
 
-    Returns misfits (n_observations,), the loss per point of the segment that is explained worst,
-    1.5 where noise is left alone, NaN where the fit includes all points or no segment was followed;
-    and when that segment begins (n_observations,), s after the start.
+    Returns
+    -------
+    misfits : (n_observations,) loss per point of the segment that is explained worst, 1.5 where
+        noise is left alone; NaN where the fit includes all points, or no segment was followed
+    times : (n_observations,) s after the start, where that segment begins
     """
     cost = fit.model.cost
     misfits, times = np.full((2, len(cost.observations)), np.nan)

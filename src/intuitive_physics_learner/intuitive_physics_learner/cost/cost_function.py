@@ -119,8 +119,17 @@ class TrajectoryCost(Cost):
     interpolation of Eq. 5 is not needed. Points before an observation's start time are left out, as
     `trajectory.synchronise` leaves out points that the simulated trajectory does not span.
 
-    `distance` is one of `trajectory.DISTANCES`, else it raises `UnknownNameError`; observations and
-    materials are as in `Cost`.
+    Parameters
+    ----------
+    observations : Y, at least one
+    simulator : the engine that makes X
+    materials : of the θ_s that will be judged, in their order; by default those of the observations
+    distance : one of `trajectory.DISTANCES`
+
+    Raises
+    ------
+    UnknownNameError
+        When no distance has that name.
     """
 
     def __init__(

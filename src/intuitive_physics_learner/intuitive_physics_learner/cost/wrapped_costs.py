@@ -22,8 +22,15 @@ REMEMBERED = 64
 class InterruptibleCost(Cost):
     """Another cost, evaluated in small shares between which it can be cancelled.
 
-    `cancelled` is polled before each share; its methods raise `LearningCancelledError` when it
-    returned True.
+    Parameters
+    ----------
+    cost : what evaluates J
+    cancelled : polled before each share
+
+    Raises
+    ------
+    LearningCancelledError
+        From its methods, when `cancelled` returned True.
     """
 
     def __init__(self, cost: Cost, cancelled: Callable[[], bool]) -> None:

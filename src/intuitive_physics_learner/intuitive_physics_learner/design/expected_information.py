@@ -41,9 +41,12 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
 )
 from intuitive_physics_learner.search.gaussian import Gaussian
 
-PARAMETER_STEP, STATE_STEP = 0.005, 0.002
-"""Widths of the differences along parameters, small as draws cover the posterior, and along
-components of initial states (m, m/s, rad or rad/s); set by hand."""
+PARAMETER_STEP = 0.005
+"""Width of the differences along parameters: small, as draws cover the posterior; set by hand."""
+
+STATE_STEP = 0.002
+"""Width of the differences along components of initial states (m, m/s, rad or rad/s); set by
+hand."""
 
 
 @dataclass(frozen=True, eq=False)

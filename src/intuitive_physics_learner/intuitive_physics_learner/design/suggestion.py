@@ -32,10 +32,15 @@ EXECUTION_ERROR = 0.05
 """Standard deviation by which a throw misses what was suggested, a part of the width of each range:
 a suggestion must not depend on a perfect throw; set by hand."""
 
-REFINED, NEIGHBOURS, REFINEMENTS = 6, 8, (0.15, 0.05)
-"""Best throws that are refined, as many as are suggested at least; throws near each of them that
-are compared next; and standard deviations, parts of the ranges' widths, by which these differ from
-them, round after round; set by hand."""
+REFINED = 6
+"""Best throws that are refined, as many as are suggested at least; set by hand."""
+
+NEIGHBOURS = 8
+"""Throws near each of them in each round of refinement; set by hand."""
+
+REFINEMENTS = (0.15, 0.05)
+"""Standard deviations, parts of the ranges' widths, by which throws that are compared next differ
+from the best so far, round after round; set by hand."""
 
 MOST_OBSERVATIONS = 500
 """Newest stored observations at most from which ranges, noise and view are read, so that a
@@ -92,9 +97,19 @@ def suggest(
     Lindley (1956) on parameters that are of interest up to a resolution ρ.
 
     Throws are spread over the ranges first; the best of them are then refined, each into the best
-    of its neighbours, and stay apart. The posterior is over all materials of the options and of the
-    question, `count` that of throws to return at most, and `cancelled` polled between batches of
-    simulations.
+    of its neighbours, and stay apart.
+
+    Parameters
+    ----------
+    options : what can be thrown
+    posterior : of θ_s, of all materials of the options and of the question
+    question : what is asked
+    viewing : how the throw will be observed
+    simulator : of throws and queries
+    rng : of all randomness
+    count : of throws to return at most
+    candidates, draws, execution_error : as the constants that are their defaults
+    cancelled : polled between batches of simulations
 
     Raises
     ------
@@ -181,11 +196,17 @@ def suggest_from_store(
     *,
     cancelled: Callable[[], bool] = lambda: False,
 ) -> list[Suggestion]:
-    """Return the most informative throws that are asked for, the best first.
+    """Return the most informative throws, the best first.
 
     Objects, environment, noise, rate and view are those of the newest stored observations, the view
     with all places from which may be thrown; what is known of θ_s is the newest version.
-    `cancelled` is polled between batches of simulations.
+
+    Parameters
+    ----------
+    store : of observations and θ_s
+    simulator : of throws and queries
+    request : what is asked
+    cancelled : polled between batches of simulations
 
     Raises
     ------
@@ -195,6 +216,8 @@ def suggest_from_store(
         When the request does not fit what was observed.
     LearningCancelledError
         When `cancelled` returned True.
+    StorageError
+        When the database cannot be read.
     """
     newest = store.entries(statuses=(USED,), limit=MOST_OBSERVATIONS, newest=True)
     observations = store.observations([entry.id for entry in newest]) if newest else []

@@ -46,8 +46,14 @@ LARGEST_VOTE = 3.0
 """Loss that a single observation counts at most when two θ_s are compared: a likelihood ratio of e³
 ≈ 20, hardly chance."""
 
-FIRST_DAMPING, SMALLEST_DAMPING, LARGEST_DAMPING = 1e-2, 1e-6, 1e4
-"""Dampings of Levenberg-Marquardt steps, parts of the diagonal; set by hand."""
+FIRST_DAMPING = 1e-2
+"""Damping of the first Levenberg-Marquardt step, a part of the diagonal; set by hand."""
+
+SMALLEST_DAMPING = 1e-6
+"""Damping at least; set by hand."""
+
+LARGEST_DAMPING = 1e4
+"""Damping at most; set by hand."""
 
 DAMPING_FACTORS = (0.1, 1.0, 10.0, 100.0)
 """Factors on the last damping that are tried in one step; set by hand."""

@@ -25,9 +25,13 @@ DIFFERENCE_STEP = 0.5
 """Step of a finite difference to each side, standard deviations of what is moved: a slope is that
 of the region where the truth is likely to be; set by hand."""
 
-SMALLEST_DIFFERENCE, LARGEST_DIFFERENCE = 1e-6, 0.05
-"""Steps of a finite difference at least (of an initial state) and at most, in the unit of its
-argument (width, m, m/s, rad or rad/s); set by hand."""
+SMALLEST_DIFFERENCE = 1e-6
+"""Smallest step of a finite difference of an initial state, in the unit of its argument (m, m/s,
+rad or rad/s); set by hand."""
+
+LARGEST_DIFFERENCE = 0.05
+"""Largest step of a finite difference, in the unit of its argument (width, m, m/s, rad or rad/s);
+set by hand."""
 
 SMALLEST_PARAMETER_DIFFERENCE = 1e-4
 """Smallest step of a finite difference of a parameter, widths. Initial states are known no better

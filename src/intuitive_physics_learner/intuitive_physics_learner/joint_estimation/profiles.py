@@ -30,10 +30,15 @@ CURVATURE_WIDENING = 3.0
 """Factor on the steps of the finite differences from which the posterior is computed; set by
 hand."""
 
-MOVE_ROUNDS, MOVE_GROWTH, MOVE_TOLERANCE = 8, 3.0, 0.02
-"""Rounds at most of moving a parameter outwards from the estimate and of bisecting the end, factor
-on the distance from one to the next, and part of a move by which its end may be farther than it was
-followed; set by hand."""
+MOVE_ROUNDS = 8
+"""Rounds of moving a parameter outwards from the estimate, and of bisecting the end, at most; set
+by hand."""
+
+MOVE_GROWTH = 3.0
+"""Factor on the distance from one round outwards to the next; set by hand."""
+
+MOVE_TOLERANCE = 0.02
+"""Part of a move by which its end may be farther than it was followed; set by hand."""
 
 USUAL_ROUNDS = 2
 """Rounds that are usually made: most often no parameter is bound to one side only."""

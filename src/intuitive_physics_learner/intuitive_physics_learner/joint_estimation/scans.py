@@ -180,10 +180,12 @@ def compatible_moves(
 def other_spins(
     model: TrajectoryModel, estimate: Estimate
 ) -> dict[int, tuple[NDArray[np.float64], float]]:
-    """Find spins that explain more beyond the horizons, as deviations (d,) from observed states.
+    """Find spins that explain more of what comes beyond the horizons than those of an estimate.
 
-    By observation, where there are any, with the time in s up to which they explain more: where the
-    next misfit of the given fit would show.
+    Returns
+    -------
+    By observation, where there are any, deviations (d,) from its observed initial states, and the
+    time in s where the next misfit of the given fit would show, up to which they explain more.
     """
     parameters = model.space.to_parameters(estimate.unit)
     others = {}

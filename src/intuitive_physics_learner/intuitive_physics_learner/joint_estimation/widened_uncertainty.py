@@ -50,10 +50,17 @@ def agreed_deviations(
 ) -> NDArray[np.float64]:
     """Standard deviations (n,), in widths, with which part of the observations agrees.
 
-    `unit` (n,) and `deviations` (n,) widths are of all; `families` (n_members,) each, indices of
-    parameters that are likely to err alike, each in one; `free` (n, 2) widths, how far one-sided
-    ones can be moved down and up, 0 for others; None: there are none. `balanced`: whether the part
-    has as large a share of the observations that depend on each parameter as of all.
+    Parameters
+    ----------
+    unit : (n,) the estimate from all observations, on the unit cube
+    deviations : (n,) widths, standard deviation of each parameter
+    part : what part of the observations says
+    families : (n_members,) each, indices of parameters that are likely to err alike, each parameter
+        in one
+    free : (n, 2) widths, how far parameters that are bound to one side only can be moved down and
+        up, 0 for others; None: all are bound to both
+    share : of all observations that the part has
+    balanced : whether it has as large a share of those that depend on each parameter
     """
     free = np.zeros((unit.size, 2)) if free is None else free
     apart = np.abs(part.mean - np.clip(part.mean, unit - free[:, 0], unit + free[:, 1]))

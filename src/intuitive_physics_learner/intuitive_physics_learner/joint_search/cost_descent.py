@@ -34,9 +34,15 @@ DESCENT_LENGTHS = (0.5, 1.0, 2.0)
 """Factors on each damped step that are tried: J has kinks, which a step may fall short of; set by
 hand."""
 
-FIRST_WIDTH, WIDTH_FACTOR, SMALLEST_WIDTH = 0.1, 0.4, 0.002
-"""Width of the differences for slopes, widths, at first wide against the kinks of single contacts;
-factor on it when steps along slopes gain nothing; and where a descent ends; set by hand."""
+FIRST_WIDTH = 0.1
+"""Width of the differences for the first slopes of a descent of J, widths: wide against the kinks
+of single contacts; set by hand."""
+
+WIDTH_FACTOR = 0.4
+"""Factor on that width when steps along slopes gain nothing; set by hand."""
+
+SMALLEST_WIDTH = 0.002
+"""Width of the differences below which a descent of J takes no more slopes, widths; set by hand."""
 
 NEIGHBOURS = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)
 """Distances, in that width, at which each parameter is tried when steps along slopes gain nothing;

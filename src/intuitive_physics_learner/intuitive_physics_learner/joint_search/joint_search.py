@@ -31,10 +31,12 @@ from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.parameter_search import Search
 
-LARGEST_MISFIT_SHARE, MISFIT_STEPS = 0.3, 3
-"""Mean share of observations with a misfit, over so many steps, above which the simulation lacks an
-effect: just below the third that a fit horizon counts which advances twice and retreats once for
-ever; set by hand."""
+LARGEST_MISFIT_SHARE = 0.3
+"""Mean share of observations with a misfit above which the simulation must lack an effect: just
+below the third that a fit horizon counts which advances twice and retreats once for ever."""
+
+MISFIT_STEPS = 3
+"""Steps that this mean is over; set by hand."""
 
 FEWEST_FOR_STARTS = 1000
 """Evaluations of J below which a fit has one start: on 85 recorded throws of a ball four of them
@@ -56,10 +58,14 @@ class JointSearch(Search):
     not divided, so it may exceed the limit it is given. It is counted as the evaluations of J that
     take as many simulations.
 
-    Where so many trajectories cannot be fitted that the simulation must lack an effect, J itself is
-    lowered from then on, from the observed initial states (`CostDescent`).
+    Where the share of trajectories that cannot be fitted is so large that the simulation must lack
+    an effect, there are no true θ_s and initial states to be found: from then on J itself is
+    lowered, from the observed initial states (`CostDescent`).
 
-    `generator` of the starts of fits.
+    Parameters
+    ----------
+    task : what to learn
+    generator : of the starts of fits
     """
 
     remembered = (*Search.remembered, "_evaluations", "_misfits", "_lowest", "_lowest_cost")

@@ -29,10 +29,15 @@ from intuitive_physics_learner.online.publication import FEWEST_COMPARED, has_mo
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask
 
-WINDOW_STEPS, REFIT_STEPS, CONTINUED_STEPS = 8, 60, 20
-"""Joint steps at most of the window after new observations; of a fit to all that are kept from what
-was known before them, which 16 boxes take 21 to 55 for; and of one that begins at an estimate; set
-by hand."""
+WINDOW_STEPS = 8
+"""Joint steps of all observations of the window after new ones; set by hand."""
+
+REFIT_STEPS = 60
+"""Joint steps of a fit to all observations that are kept from what was known before them; 16 boxes
+take 21 to 55."""
+
+CONTINUED_STEPS = 20
+"""Joint steps of one that begins at an estimate; set by hand."""
 
 WINDOW_SHARE = 0.5
 """Part of the time for new observations in which the window is fitted after them. The rest is saved

@@ -14,9 +14,13 @@ from intuitive_physics_learner.joint_estimation.order_of_fits import log_evidenc
 from intuitive_physics_learner.online.online_state import Member, OnlineState, Signs
 from intuitive_physics_learner.search.gaussian import Gaussian
 
-LONE_STEPS, RETRY_STEPS = 24, 60
-"""Joint steps at most of a fit to one observation, with `LARGEST_ADVANCE` enough for 10 s of
-motion, and of a second, more careful one where that cannot explain it; set by hand."""
+LONE_STEPS = 24
+"""Joint steps in which one observation is fitted by itself at most; set by hand: with
+`largest_advance` they suffice for 10 s of motion."""
+
+RETRY_STEPS = 60
+"""Joint steps of a second, more careful fit of an observation that cannot be explained; set by
+hand."""
 
 MISFIT_STEPS = 4
 """Number of last steps of a lone fit in which a misfit means that the motion cannot be explained

@@ -90,9 +90,15 @@ class OnlineLearner:
     ) -> list[Assessment]:
         """Learn from new observations, in their order; those that are known are passed over.
 
-        `seconds_left` is called between steps; each observation takes its part in any case.
-        `trusted` are ids of those that a user has included, which are never set aside. Returns what
-        is to be noted about single observations, doubtful ones and those taken back.
+        Parameters
+        ----------
+        observations : new ones
+        seconds_left : called between steps; each observation takes its part in any case
+        trusted : ids of those that a user has included, which are never set aside
+
+        Returns
+        -------
+        What is to be noted about single observations, doubtful ones and those taken back.
         """
         state, fits = (
             self.state,
@@ -127,10 +133,13 @@ class OnlineLearner:
         return assessments
 
     def adopt(self, learned: LearnedParameters, *, informed: bool) -> None:
-        """Begin again from a version of θ_s that others stored; it is the published one.
+        """Begin again from a version of θ_s that was stored by others.
 
-        `informed` is whether its uncertainty is knowledge to start with; otherwise only its values
-        are a start, and the observations say the rest.
+        Parameters
+        ----------
+        learned : the version; it is what is published from now on
+        informed : whether its uncertainty is knowledge to start with; otherwise only its values are
+            a start, and the observations say the rest
         """
         self.state.know_materials(learned.materials)
         state = self.state

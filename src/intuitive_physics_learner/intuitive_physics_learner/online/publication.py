@@ -49,9 +49,11 @@ STRAYED = 3.0
 """Move of a parameter in its standard deviations from a challenger, beyond which it is not what
 these observations were predicted by."""
 
-SMALLEST_MOVE, SMALLEST_NARROWING = 0.1, 0.05
-"""Move of a parameter in its standard deviations, and part by which these change, that are worth a
-new version; set by hand."""
+SMALLEST_MOVE = 0.1
+"""Move of a parameter in its standard deviations that is worth a new version; set by hand."""
+
+SMALLEST_NARROWING = 0.05
+"""Part by which a standard deviation must change to be worth a new version; set by hand."""
 
 
 def count_prediction(state: OnlineState, fit: LoneFit) -> None:

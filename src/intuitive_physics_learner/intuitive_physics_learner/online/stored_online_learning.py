@@ -29,10 +29,17 @@ class StoredOnlineLearning:
     θ_s becomes the state: values that a user gave with their uncertainty, or the result of a
     search, whose observations are not learned from a second time.
 
+    Parameters
+    ----------
+    store : of observations, versions of θ_s and the state
+    simulator : the engine that simulates candidates
+    options : how to learn
+
     Attributes
     ----------
     learner : holds the state
-    problem : why the last observation that was passed over cannot be learned from; empty: none was
+    problem : why the last observation that was passed over cannot be learned from; empty if none
+        was
     """
 
     def __init__(

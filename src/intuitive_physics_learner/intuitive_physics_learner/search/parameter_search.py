@@ -98,9 +98,14 @@ class Search(Resumable, ABC):
         """Step until a criterion is met or `cancelled` returns True; at least one step.
 
         Iterations of a state that was loaded count, seconds do not; where it has met a criterion no
-        step is taken. `on_checkpoint` gets the `state` at most every `CHECKPOINT_PERIOD`, and at
-        the end; `reserve` returns the s of the time limit to leave for what comes after a search of
-        some s.
+        step is taken.
+
+        Parameters
+        ----------
+        on_checkpoint : called with the `state_dict` at most every `CHECKPOINT_PERIOD`, and at the
+            end
+        reserve : given the s that the search has taken, returns the s of the time limit to leave
+            for what comes after it
         """
         began = saved = time.monotonic()
         reason = self._stop_reason(criteria, 0.0, False, None) if self.iterations else None

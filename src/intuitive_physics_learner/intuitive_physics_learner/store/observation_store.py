@@ -73,8 +73,16 @@ EXCLUDED_BY_USER = "excluded by the user"
 class ObservationStore:
     """An open database; may be used from several threads, and its file by several processes.
 
-    Its folder is made where it does not exist. `busy_timeout` in s to wait for another process that
-    writes, before a `DatabaseBusyError`; None takes `database.BUSY_TIMEOUT`.
+    Parameters
+    ----------
+    path : of the database; it and its folder are made where they do not exist
+    busy_timeout : s to wait for another process that writes, before a `DatabaseBusyError`; None
+        takes `database.BUSY_TIMEOUT`
+
+    Attributes
+    ----------
+    database : the open file
+    path : of it
 
     Raises
     ------
@@ -109,10 +117,18 @@ class ObservationStore:
     def add(self, observation: Observation) -> bool:
         """Store an observation; once this returns it survives any crash.
 
-        Returns False when one with this id, or another measurement of the same frames
-        (`Observation.same_motion`), was stored before; then nothing changes. Raises
-        `InvalidInputError` when it could not be read again, or there would be too many materials
-        (`limits`), and `DatabaseFullError` when the file would grow beyond `largest_database`.
+        Returns
+        -------
+        bool
+            False when one with this id, or another measurement of the same frames
+            (`Observation.same_motion`), was stored before; then nothing changes.
+
+        Raises
+        ------
+        InvalidInputError
+            When it could not be read again, or there would be too many materials (`limits`).
+        DatabaseFullError
+            When the file would grow beyond `largest_database`.
         """
         return self.add_all([observation]) == 1
 
@@ -182,10 +198,15 @@ class ObservationStore:
         limit: int = -1,
         newest: bool = False,
     ) -> list[ObservationEntry]:
-        """List observations without reading their texts, by default all, in the order they came in.
+        """List observations without reading their texts.
 
-        Of those with some ids or statuses, where such are given, and with a higher number than
-        `after`; `limit` at most unless it is negative: give the last number as `after` to continue.
+        Parameters
+        ----------
+        ids : of the observations; empty: all
+        statuses : of the observations; empty: all
+        after : only observations with a higher number
+        limit : entries at most; negative: no limit. Give the last number as `after` to continue
+        newest : the newest first instead of in the order in which they came
         """
         for status in statuses:
             if status not in STATUSES:
@@ -230,8 +251,10 @@ class ObservationStore:
     ) -> Iterator[tuple[ObservationEntry, Observation]]:
         """Read observations one after the other, with no more than a chunk of them in memory.
 
-        Of some statuses, and of some ids unless these are empty; a text that cannot be read is
-        marked and passed over.
+        Parameters
+        ----------
+        statuses : of the observations; a text that cannot be read is marked and passed over
+        ids : of the observations; empty: all
         """
         unreadable = []
         for entry, observation in self._parsed(statuses, ids):
@@ -255,10 +278,15 @@ class ObservationStore:
         return self._set_status(ids, USED, 1.0, INCLUDED_BY_USER)
 
     def apply_assessments(self, assessments: Sequence[Assessment]) -> int:
-        """Store what a learner thinks of observations, in one transaction; return how many.
+        """Store what a learner thinks of observations, all in one transaction.
 
         Those that the user excluded or included, that cannot be read or were deleted stay as they
         are. What is doubtful comes back with an assessment of status `USED`. The revision stays.
+
+        Returns
+        -------
+        int
+            How many were assessed.
         """
         with self.database.writing() as connection:
             return _assess(connection, assessments)
@@ -280,9 +308,21 @@ class ObservationStore:
     ) -> int:
         """Write observations as JSON, one file each: those used, or those with the ids.
 
-        The folder is made where it does not exist. `check` is called before each file; what it
-        raises ends the export. Returns how many were written. Raises `InvalidInputError` when the
-        folder or a file cannot be written.
+        Parameters
+        ----------
+        folder : made where it does not exist
+        ids : of the observations; empty: all that are used
+        check : called before each file; what it raises ends the export
+
+        Returns
+        -------
+        int
+            How many were written.
+
+        Raises
+        ------
+        InvalidInputError
+            When the folder or a file cannot be written.
         """
         target = Path(folder).expanduser()
         try:
@@ -363,9 +403,16 @@ class ObservationStore:
     ) -> bool:
         """Save the state of learning in the background with what follows from it, all or nothing.
 
-        `state` is JSON text. Nothing is saved if there is a newer version of θ_s than `on`, which
-        the state knows. `learned` is the next one, `assessments` as `apply_assessments`. Returns
-        whether they were saved.
+        Parameters
+        ----------
+        state : JSON text
+        on : version of θ_s that the state knows; nothing is saved if there is a newer one
+        learned : the next version of θ_s; None if there is none
+        assessments : of observations, as `apply_assessments`
+
+        Returns
+        -------
+        Whether they were saved.
         """
         versions = [] if learned is None else [replace(learned, version=on + 1).to_dict()]
         texts = [json.dumps(version, allow_nan=False) for version in versions]
@@ -433,8 +480,11 @@ class ObservationStore:
     def save_search(self, key: str, version: int, state: Mapping[str, Any]) -> None:
         """Store the state of a search, plain data, in place of its last one.
 
-        `key` is a digest of all that determines the search, apart from the θ_s of that version,
-        from which it began.
+        Parameters
+        ----------
+        key : digest of all that determines the search, apart from the θ_s it began from
+        version : of that θ_s
+        state : from which the search continues
         """
         row = (key, time.time(), version, json.dumps(state, allow_nan=False))
         with self.database.writing() as connection:

@@ -16,11 +16,16 @@ class CmaEs(UpdateRule):
     """Samples generations from a normal distribution that it fits to the best of each.
 
     It starts from the given point, else from the middle of the cube, and has no more candidates
-    once pycma finds the search converged. Without pycma it raises `MissingDependencyError`.
+    once pycma finds the search converged.
 
     pycma has no plain state, so the state saved is the costs of all generations: loading it repeats
     the search with these costs, which takes a part of a millisecond a generation and gives the same
     search to the bit.
+
+    Raises
+    ------
+    MissingDependencyError
+        When pycma is not installed.
     """
 
     name = "cma_es"

@@ -70,7 +70,10 @@ class UpdateRule(ABC):
     def ask(self, limit: int) -> NDArray[np.float64]:
         """Return the next candidates, shape (k, n) with k ≤ limit; k = 0 when there are no more.
 
-        Raises `InvalidInputError` when the limit is below one or the last costs were not given.
+        Raises
+        ------
+        InvalidInputError
+            When the limit is below one or the costs of the last candidates were not given.
         """
         if limit < 1:
             raise InvalidInputError(f"asked for {limit} candidates; expected at least 1")
@@ -83,7 +86,12 @@ class UpdateRule(ABC):
         return portion.copy()
 
     def tell(self, costs: ArrayLike) -> None:
-        """Take the costs (k,), m, of the candidates that were asked for last."""
+        """Take the costs of the candidates that were asked for last.
+
+        Parameters
+        ----------
+        costs : (k,) m
+        """
         values = finite_array(costs, "costs", (self._pending,))
         self._pending = 0
         self._costs += values.tolist()
@@ -96,7 +104,10 @@ class UpdateRule(ABC):
     def state_dict(self) -> dict[str, Any]:
         """Everything a rule of the same kind and settings needs to continue exactly, as plain data.
 
-        Raises `InvalidInputError` when the costs of the last candidates were not given.
+        Raises
+        ------
+        InvalidInputError
+            When the costs of the last candidates were not given.
         """
         self._check_updated("asked for the state")
         within = self._generation is not None
@@ -112,9 +123,12 @@ class UpdateRule(ABC):
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """Continue from the `state_dict` of a rule of the same kind and settings.
+        """Continue from what `state_dict` of a rule of the same kind and settings returned.
 
-        Raises `InvalidInputError` when it is of another rule, size or settings.
+        Raises
+        ------
+        InvalidInputError
+            When the state is of another rule, size or settings.
         """
         for key, expected in (
             ("rule", self.name),
@@ -159,7 +173,13 @@ class UpdateRule(ABC):
         """
 
     def update(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> None:
-        """Take the `points` (k, n) and `costs` (k,), m, of a generation; by default no more."""
+        """Take the costs of a whole generation; by default nothing depends on them.
+
+        Parameters
+        ----------
+        points : (k, n) of the unit cube
+        costs : (k,) m
+        """
         return
 
     def own_state(self) -> dict[str, Any]:

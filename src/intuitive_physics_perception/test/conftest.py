@@ -9,10 +9,12 @@ from functools import cached_property, partial
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
+from intuitive_physics.scene import Environment, Plane
+from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.environment.environment_model import (
     EnvironmentModel,
     model_environment,
@@ -73,6 +75,17 @@ class Room:
         self.rotation = np.array([[0.0, -s, c], [-1.0, 0.0, 0.0], [0.0, -c, -s]])
         self.rays = rays @ self.rotation.T
         self.origin = np.array([0.0, 0.0, self.height])
+
+    @property
+    def pose(self) -> RigidTransform:
+        """Of the camera in the world."""
+        return RigidTransform(self.origin, Rotation.from_matrix(self.rotation).as_quat())
+
+    def look_along_minus_y(self, origin: Sequence[float]) -> None:
+        """Put the camera, which looks along x, where it sees the room from its side."""
+        turn = Rotation.from_euler("z", -90.0, degrees=True).as_matrix()
+        self.rotation, self.rays = turn @ self.rotation, self.rays @ turn.T
+        self.origin = np.array(origin)
 
     @cached_property
     def _pixel_rays(self) -> NDArray[np.float32]:
@@ -280,7 +293,7 @@ class Head:
 
     def __init__(self, room) -> None:
         self.room = room
-        self._first = RigidTransform(room.origin, Rotation.from_matrix(room.rotation).as_quat())
+        self._first = room.pose
         self._camera_rays = room.rays @ room.rotation
 
     def go(self, shift, angles) -> RigidTransform:
@@ -300,6 +313,26 @@ class Head:
 
     def look(self, balls=(), extra=()):
         return self.room.points(balls, extra)
+
+
+FLOOR = Environment([Plane("floor", "wood", (0.0, 0.0, 1.0), 0.0)])
+
+
+def seen_sphere(
+    rng: np.random.Generator, place: ArrayLike, radius: float, noise: float = 0.001, **more
+) -> DetectedSphere:
+    """A sphere with the errors of one frame, of one deviation in m in place and radius."""
+    error, covariance = noise * rng.normal(size=4), noise**2 * np.eye(4)
+    return DetectedSphere(place + error[:3], radius + error[3], covariance, 200, 2.0, **more)
+
+
+def waves(seed: int, number: float = 7.0) -> Callable[[NDArray], NDArray]:
+    """A smooth random function of unit vectors (..., 3): what is painted on a ball."""
+    rng = np.random.default_rng(seed)
+    vectors = rng.normal(size=(12, 3))
+    vectors *= number / np.linalg.norm(vectors, axis=1, keepdims=True)
+    phases = rng.uniform(0.0, 2.0 * np.pi, len(vectors))
+    return lambda n: np.cos(n @ vectors.T + phases).sum(axis=-1) / np.sqrt(len(vectors))
 
 
 @pytest.fixture

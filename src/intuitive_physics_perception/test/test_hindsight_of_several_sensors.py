@@ -6,8 +6,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from intuitive_physics.scene import Environment, Plane
-from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.environment.environment_model import model_environment
 from intuitive_physics_perception.frame import Frame
@@ -16,7 +14,8 @@ from intuitive_physics_perception.scene import ModelledScene
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.tracker import Tracker
 
-FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
+from .conftest import FLOOR, seen_sphere
+
 SETTINGS = PerceptionSettings(environment_frames=4)
 RADIUS, FRAME, SCAN = 0.07, 1.0 / 60.0, 0.1
 START, VELOCITY = np.array([1.7, -0.6, 0.5]), np.array([0.3, 4.0, 1.0])
@@ -70,8 +69,7 @@ class TwoSensors:
         """Detect the ball at some times, s, `delay` s after the beginnings of frames."""
         rng = np.random.default_rng(1)
         for time in times:
-            center = self.place(time) + rng.normal(0.0, 0.001, 3)
-            seen = DetectedSphere(center, RADIUS, 0.001**2 * np.eye(4), 200, 2.0, delay=delay)
+            seen = seen_sphere(rng, self.place(time), RADIUS, delay=delay)
             self.tracker.update(time - delay, [seen])
 
     def found(self, time: float, points: np.ndarray, offsets: np.ndarray | None):
@@ -119,9 +117,7 @@ def test_two_sensors_at_about_one_time_say_nothing_of_a_velocity(apart) -> None:
     for k in range(1, 5):
         for lag, camera in ((0.0, ""), (apart, "side")):
             time = FRAME * k + lag
-            center = flight(time) + rng.normal(0.0, deviation, 3)
-            seen = DetectedSphere(center, RADIUS, deviation**2 * np.eye(4), 200, 2.0)
-            tracker.update(time, [seen], camera)
+            tracker.update(time, [seen_sphere(rng, flight(time), RADIUS, deviation)], camera)
     (track,) = tracker.tracks
     expected = tracker.expected_before(track, 0.0)
     assert expected is not None

@@ -3,8 +3,6 @@ time of its own, before or after the scan's stamp."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -13,20 +11,13 @@ from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 
+from .conftest import waves
+
 CAMERA_RATE, SCAN = 30.0, 0.1
 RADIUS, THROWN, FLIES = 0.07, 0.85, 0.55
 START, VELOCITY = np.array([1.4, -0.7, 0.4]), np.array([0.4, 1.6, 2.7])
 SPIN = np.array([5.0, -8.0, 6.0])
 """rad/s of a ball with marks."""
-
-
-def waves(seed: int, number: float = 7.0) -> Callable[[np.ndarray], np.ndarray]:
-    """A smooth random function of unit vectors (..., 3)."""
-    rng = np.random.default_rng(seed)
-    vectors = rng.normal(size=(12, 3))
-    vectors *= number / np.linalg.norm(vectors, axis=1, keepdims=True)
-    phases = rng.uniform(0.0, 2.0 * np.pi, len(vectors))
-    return lambda n: np.cos(n @ vectors.T + phases).sum(axis=-1) / np.sqrt(len(vectors))
 
 
 MARKS = waves(3)
@@ -48,9 +39,7 @@ class CameraAndLidar:
 
     def __init__(self, make_room, seed: int, early: bool = False) -> None:
         self.camera, self.lidar = make_room(seed=2 * seed), make_room(seed=2 * seed + 1)
-        turn = Rotation.from_euler("z", -90.0, degrees=True).as_matrix()
-        self.lidar.rotation, self.lidar.rays = turn @ self.lidar.rotation, self.lidar.rays @ turn.T
-        self.lidar.origin = np.array([1.8, 1.3, 0.8])
+        self.lidar.look_along_minus_y([1.8, 1.3, 0.8])
         after = np.linspace(0.0, SCAN, self.lidar.width, dtype=np.float32)
         size = self.lidar.height_pixels, self.lidar.width
         self.offsets = np.broadcast_to(after if early else after - np.float32(SCAN), size)
@@ -97,12 +86,11 @@ class CameraAndLidar:
         for stamp, name in sorted(frames):
             room = self.lidar if name else self.camera
             points = self.scan(stamp) if name else room.points(balls(stamp))
-            pose = RigidTransform(room.origin, Rotation.from_matrix(room.rotation).as_quat())
             colors = self.colors(stamp) if marked and not name else None
             times = {"offsets": self.offsets} if name else {}
-            result = self.pipeline.process(points, stamp, colors, pose, name, **times)
+            result = self.pipeline.process(points, stamp, colors, room.pose, name, **times)
             if result.is_new_model and not name:
-                self.to_room = pose.after(result.model.sensor_pose.inverse)
+                self.to_room = room.pose.after(result.model.sensor_pose.inverse)
             yield name, result
 
     def error(self, item, time: float) -> float:

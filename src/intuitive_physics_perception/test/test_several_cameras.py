@@ -7,14 +7,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
-from intuitive_physics.scene import Environment, Plane
-from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.tracker import Tracker
+
+from .conftest import FLOOR, seen_sphere
 
 RATE, RADIUS = 30.0, 0.07
 SETTINGS = PerceptionSettings(environment_frames=4)
@@ -35,11 +34,8 @@ class Cameras:
     def __init__(self, make_room, lag: float = 0.013, seed: int = 0) -> None:
         self.first, self.second = make_room(seed=2 * seed), make_room(seed=2 * seed + 1)
         self.lag = lag
-        turn = Rotation.from_euler("z", -90.0, degrees=True).as_matrix()
-        room = self.second
-        room.rotation, room.rays = turn @ room.rotation, room.rays @ turn.T
-        room.origin = np.array([1.6, 1.2, 0.8])
-        self.believed = {"": pose_of(self.first), "side": pose_of(room)}
+        self.second.look_along_minus_y([1.6, 1.2, 0.8])
+        self.believed = {"": self.first.pose, "side": self.second.pose}
         self.pipeline = PerceptionPipeline(SETTINGS, np.random.default_rng(seed))
         self.from_environment: RigidTransform | None = None
 
@@ -61,10 +57,6 @@ class Cameras:
 
     def error(self, item, truth) -> float:
         return float(np.linalg.norm(self.from_environment.points(item.state.position) - truth))
-
-
-def pose_of(room) -> RigidTransform:
-    return RigidTransform(room.origin, Rotation.from_matrix(room.rotation).as_quat())
 
 
 def flies(time: float):
@@ -93,16 +85,12 @@ def test_two_cameras_follow_one_ball_more_exactly_than_one(make_small_room) -> N
 
 def test_two_measurements_of_the_same_noise_have_half_the_variance(rng) -> None:
     """The variance of the mean of n measurements is σ²/n, whichever camera each is of."""
-    floor = Environment([Plane("floor", "wood", (0.0, 0.0, 1.0), 0.0)])
-    deviation, variances = 0.002, []
+    variances = []
     for cameras in (1, 2):
-        tracker = Tracker(floor, PerceptionSettings())
+        tracker = Tracker(FLOOR, PerceptionSettings())
         for k in range(20):
             for camera in range(cameras):
-                center = np.array([1.0, 0.0, RADIUS]) + rng.normal(0.0, deviation, 3)
-                radius = RADIUS + rng.normal(0.0, deviation)
-                covariance = deviation**2 * np.eye(4)
-                sphere = DetectedSphere(center, radius, covariance, 300, 2.0)
+                sphere = seen_sphere(rng, [1.0, 0.0, RADIUS], RADIUS, 0.002)
                 tracker.update(k / RATE + 0.01 * camera, [sphere])
         (track,) = tracker.tracks
         variances.append(track.radius_variance)

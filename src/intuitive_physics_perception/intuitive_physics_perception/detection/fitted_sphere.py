@@ -249,7 +249,7 @@ class SphereFitter:
         self._rng = rng
         self.known_radii = [item.radius for item in settings.known_objects]
         self._sharing = noise.correlated - 1.0
-        self.noise = np.square([noise.constant, noise.quadratic, noise.limit, noise.lateral])
+        self.noise = noise.squares
         self._carriers = np.zeros((0, 4))
 
     def look_from(self, model: EnvironmentModel) -> None:

@@ -67,10 +67,9 @@ class SphereView(NamedTuple):
     ----------
     on : number of readings on the surface
     against : number of readings that contradict it
-    visible : part of the outline's disc that has a reading on the surface within LATTICE radii.
-        Two scan lines of a LiDAR, which fit a sphere on anything round, make at most 0.4
-    density : part of the disc between readings on the surface that has any reading so near. Two
-        scan lines make at most 0.7; a sphere cut off by the image's edge makes one
+    visible : part of the outline's disc that has a reading on the surface within LATTICE radii: two
+        scan lines of a LiDAR, which fit a sphere on anything round, make at most 0.4
+    density : part of the disc between readings on the surface that has any reading so near
     """
 
     on: int

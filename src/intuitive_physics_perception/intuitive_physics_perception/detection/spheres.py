@@ -114,13 +114,11 @@ class SphereFinder:
         """Return the spheres by cluster of a frame of points (height, width, 3), in the sensor's
         frame.
 
-        `searches`: clusters that are searched at random when neither expectation nor outline
-        suggests a sphere, in the order of `_in_turn`; the
-        others wait for the next frame. None searches all; `expected`: spheres that are
-        followed, where they should be; `budget`: when it is spent, these alone are still looked
-        for, and clusters that have not been searched to the end wait, too; but the first one, as it
-        had nearly all of the time. None has no end; `scan`: when the points were read; None where
-        all are of one time.
+        `searches`: clusters that are searched at random where neither expectation nor outline
+        suggests a sphere, in turn; None: all; `expected`: spheres that are followed, where they
+        should be; `budget`: when it is spent, these alone are still looked for, and clusters that
+        have not been searched to the end wait, too; but the first one, as it had nearly all of the
+        time. None has no end; `scan`: when the points were read; None: all are of one time.
         """
         budget = budget or FrameBudget()
         results, searched = [], np.zeros(len(clusters.indices), dtype=bool)

@@ -53,10 +53,8 @@ class SettledView:
     """
 
     def __init__(self, reference: NDArray[np.float32], noise: RangeNoise) -> None:
-        self._limits = np.array(
-            [noise.constant**2, noise.quadratic**2, noise.limit**2, 2.0 * CHANGE_SIGMAS**2],
-            dtype=np.float32,
-        )
+        limits = np.append(noise.squares[:3], 2.0 * CHANGE_SIGMAS**2)
+        self._limits = limits.astype(np.float32)
         self._reference = reference.copy()
         height, width = reference.shape[:2]
         self._means = np.full((height, width, 3), np.nan, dtype=np.float32)

@@ -292,22 +292,20 @@ class StaticBoxFilter:
         if not len(self._centers):
             return clusters
         order, starts = clusters.in_a_row
-        noise, model = self._model.noise, self._model
-        limits = np.array([noise.constant**2, noise.quadratic**2, noise.limit**2])
-        margins = self._settings.plane_tolerance, self._settings.plane_sigmas
+        model, settings = self._model, self._settings
         out, extents = _outside_boxes(
             points.reshape(-1, 3),
             order,
             starts,
             (model.rotation, model.translation),
-            (*limits, *margins),
+            (*model.noise.squares[:3], settings.plane_tolerance, settings.plane_sigmas),
             self._centers,
             self._rotations,
             self._halves,
         )
         diagonals = 2.0 * np.linalg.norm(self._halves, axis=1)
         fills = (extents > FILLED_DIAGONAL * diagonals).any(axis=1)
-        allowed = self._settings.min_points + STRAY_FRACTION * np.diff(starts)
+        allowed = settings.min_points + STRAY_FRACTION * np.diff(starts)
         there = fills & (out < allowed) & ~np.array(clusters.new, dtype=bool)
         kept = np.flatnonzero(~there)
         return replace(

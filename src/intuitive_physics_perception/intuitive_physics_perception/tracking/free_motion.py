@@ -171,15 +171,8 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class _Growth:
-    """End of a stretch.
-
-    Parameters
-    ----------
-    end : index after its last point
-    expected : (3,) m, where the first point was expected that contradicts those before; None
-        without one
-    contact : index of that point
-    """
+    """End of a stretch, the index after its last point; where (3,) m the first point was expected
+    that contradicts those before, None without one; and the index of that."""
 
     end: int
     expected: NDArray[np.float64] | None

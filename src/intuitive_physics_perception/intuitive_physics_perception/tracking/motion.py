@@ -99,7 +99,6 @@ def predicted(
     environment: Environment,
     *,
     acceleration_noise: float,
-    restitution: float = BOUNCE_RESTITUTION,
     rolls: bool = True,
 ) -> Prediction:
     """Return a ball `duration` s later.
@@ -133,7 +132,7 @@ def predicted(
         if left <= 0.0:
             break
         if met is not None:
-            ball = _bounced(ball, met.normal, restitution)
+            ball = _bounced(ball, met.normal)
     return replace(ball, contact=contact)
 
 
@@ -220,10 +219,10 @@ def white_acceleration(duration: float, noise: float) -> NDArray[np.float64]:
     return noise**2 * FRAME_TIME * np.array([[lasts**3 / 3.0, across], [across, lasts]])
 
 
-def _bounced(ball: Prediction, normal: NDArray[np.float64], restitution: float) -> Prediction:
+def _bounced(ball: Prediction, normal: NDArray[np.float64]) -> Prediction:
     speed = abs(float(normal @ ball.mean[VELOCITY]))
     across = np.outer(normal, normal)
-    kept = 0.0 if speed < SUPPORT_SPEED else restitution
+    kept = 0.0 if speed < SUPPORT_SPEED else BOUNCE_RESTITUTION
     turn = np.eye(SIZE)
     turn[VELOCITY, VELOCITY] -= (1.0 + kept) * across
     turned = turn @ ball.covariance @ turn.T

@@ -28,19 +28,12 @@ from intuitive_physics_perception.appearance.spin_fit import ImageSeries, Spin
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
 from intuitive_physics_perception.appearance.turn_search import LAGS, ball_of_turns, turn_tables
 
+from ..conftest import waves
+
 CELLS_ACROSS = GRID_CELLS
 RATE = 30.0
 
 Field = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-
-
-def waves(seed: int, count: int = 12, number: float = 7.0) -> Field:
-    """A smooth random function of unit vectors (..., 3)."""
-    rng = np.random.default_rng(seed)
-    vectors = rng.normal(size=(count, 3))
-    vectors *= number / np.linalg.norm(vectors, axis=1, keepdims=True)
-    phases = rng.uniform(0.0, 2.0 * np.pi, count)
-    return lambda n: np.cos(n @ vectors.T + phases).sum(axis=-1) / np.sqrt(count)
 
 
 def image(
@@ -79,6 +72,20 @@ def flight(
     views = [axes_towards(np.array([-1.0, 0.3 * t, 0.2 + 0.5 * t])) for t in times]
     turns = [(Rotation.from_rotvec(t * spin) * start).as_matrix() for t in times]
     return times, [image(surface, *pair, **more) for pair in zip(turns, views, strict=True)]
+
+
+def estimated(times: list[float], images: list[SphereImage]) -> SurfaceSpin:
+    """What is known of a spin after some images."""
+    estimator = SurfaceSpin()
+    for time, view in zip(times, images, strict=True):
+        estimator.take(time, view)
+    return estimator
+
+
+def random_spin(seed: int, turn: float) -> NDArray[np.float64]:
+    """A spin (3,) rad/s that turns a ball by some rad from frame to frame."""
+    direction = np.random.default_rng(seed).normal(size=3)
+    return direction * (turn * RATE / np.linalg.norm(direction))
 
 
 def test_the_gradient_is_that_of_the_misfit() -> None:
@@ -123,9 +130,7 @@ def test_smooth_light_makes_no_difference() -> None:
 @pytest.mark.parametrize("spin", [(0.5, 2.0, -3.0), (12.0, -9.0, 4.0), (30.0, 5.0, -25.0)])
 def test_a_texture_tells_the_spin(spin: tuple[float, float, float]) -> None:
     truth = np.array(spin)
-    estimator = SurfaceSpin()
-    for time, view in zip(*flight(waves(3), truth, 6), strict=True):
-        estimator.take(time, view)
+    estimator = estimated(*flight(waves(3), truth, 6))
     assert estimator.spin is not None
     error = estimator.spin.mean - truth
     assert np.linalg.norm(error) < 0.3
@@ -136,17 +141,14 @@ def last_spin(
     surface: Field, spin: NDArray[np.float64], frames: int, seed: int, noise: float = 0.05
 ) -> Spin | None:
     """What is known of a spin at the end of a flight."""
-    estimator, rng = SurfaceSpin(), np.random.default_rng(seed)
-    for time, view in zip(*flight(surface, spin, frames, seed, noise=noise, rng=rng), strict=True):
-        estimator.take(time, view)
-    return estimator.spin
+    rng = np.random.default_rng(seed)
+    return estimated(*flight(surface, spin, frames, seed, noise=noise, rng=rng)).spin
 
 
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("turn", [1.4, 1.9, 2.4])
 def test_a_fast_ball_is_known(turn: float, seed: int) -> None:
-    truth = np.random.default_rng(seed).normal(size=3)
-    truth *= turn * RATE / np.linalg.norm(truth)
+    truth = random_spin(seed, turn)
     estimate = last_spin(waves(seed), truth, 8, seed)
     assert estimate is not None
     assert np.linalg.norm(estimate.mean - truth) < 1.0
@@ -157,15 +159,13 @@ def test_a_fast_ball_is_known(turn: float, seed: int) -> None:
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("turn", [2.9, np.pi, 3.4])
 def test_about_half_a_turn_from_frame_to_frame_is_not_believed(turn: float, seed: int) -> None:
-    truth = np.random.default_rng(seed).normal(size=3)
-    truth *= turn * RATE / np.linalg.norm(truth)
+    truth = random_spin(seed, turn)
     assert last_spin(waves(seed), truth, 8, seed) is None
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_images_a_whole_turn_apart_say_nothing_of_the_axis(seed: int) -> None:
-    truth = np.random.default_rng(seed).normal(size=3)
-    truth *= 2.0 * np.pi / 3.0 * RATE / np.linalg.norm(truth)
+    truth = random_spin(seed, 2.0 * np.pi / 3.0)
     estimate = last_spin(waves(seed), truth, 8, seed)
     assert estimate is None or np.linalg.norm(estimate.mean - truth) < 1.5
 
@@ -175,8 +175,7 @@ def test_a_pattern_on_one_side_is_known_when_it_comes_back() -> None:
     cap: Field = lambda n: np.clip((n[..., 0] - 0.3) / 0.4, 0.0, 1.0) * inner(n)  # noqa: E731
     known = 0
     for seed in range(8):
-        truth = np.random.default_rng(seed).normal(size=3)
-        truth *= 1.9 * RATE / np.linalg.norm(truth)
+        truth = random_spin(seed, 1.9)
         estimate = last_spin(cap, truth, 10, seed)
         known += estimate is not None
         assert estimate is None or np.linalg.norm(estimate.mean - truth) < 2.0
@@ -245,11 +244,9 @@ def test_a_pattern_that_looks_the_same_elsewhere_has_no_one_spin() -> None:
 
 
 def test_another_spin_after_a_hit_is_not_the_one_before() -> None:
-    estimator = SurfaceSpin()
     times, images = flight(waves(6), np.array([8.0, 2.0, -3.0]), 5)
     _, others = flight(waves(6), np.array([-6.0, 9.0, 7.0]), 12, seed=9)
-    for time, view in zip(times, images, strict=True):
-        estimator.take(time, view)
+    estimator = estimated(times, images)
     assert estimator.spin is not None
     for k, view in enumerate(others[5:10]):
         estimator.take(times[-1] + (k + 1) / RATE, view)
@@ -257,10 +254,8 @@ def test_another_spin_after_a_hit_is_not_the_one_before() -> None:
 
 
 def test_forgetting_begins_again() -> None:
-    estimator = SurfaceSpin()
     times, images = flight(waves(7), np.array([8.0, 2.0, -3.0]), 5)
-    for time, view in zip(times, images, strict=True):
-        estimator.take(time, view)
+    estimator = estimated(times, images)
     assert estimator.spin is not None
     estimator.forget()
     estimator.take(times[-1] + 1.0 / RATE, images[-1])

@@ -9,12 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.sphere_inspection import look_round_outline
 from intuitive_physics_perception.environment.known_space import BEHIND, KNOWN, NEW, UNKNOWN
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
+
+from ..conftest import BallShape, BoxShape, crossings
 
 WIDTH, HEIGHT, FOCAL = 240, 180, 240.0
 WALL = 2.0
@@ -31,13 +34,8 @@ RAYS = np.stack(
 def ellipsoid(center: Sequence[float], axes: Sequence[float]) -> Shape:
     """Depth of its near side, inf where a ray misses."""
 
-    def depth(rays: NDArray[np.float64]) -> NDArray[np.float64]:
-        d, c = rays / np.asarray(axes), np.asarray(center) / np.asarray(axes)
-        a, b = np.sum(d * d, axis=-1), d @ c
-        root = b * b - a * (c @ c - 1.0)
-        return np.where(root > 0.0, (b - np.sqrt(np.maximum(root, 0.0))) / a, np.inf)
-
-    return depth
+    unit = BallShape(np.asarray(center) / axes, 1.0)
+    return lambda rays: unit.hit(np.zeros(3), rays / np.asarray(axes))[0]
 
 
 def ball(center: Sequence[float], radius: float) -> Shape:
@@ -46,31 +44,16 @@ def ball(center: Sequence[float], radius: float) -> Shape:
 
 def box(center: Sequence[float], edges: Sequence[float], turn: float = 0.0) -> Shape:
     """Turned by `turn` radians about the image's x axis, then about its y axis."""
-    c, s = np.cos(turn), np.sin(turn)
-    rotation = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ np.array(
-        [[1, 0, 0], [0, c, -s], [0, s, c]]
-    )
-
-    def depth(rays: NDArray[np.float64]) -> NDArray[np.float64]:
-        d = rays @ rotation
-        o = -np.asarray(center) @ rotation
-        with np.errstate(divide="ignore"):
-            low, high = (-0.5 * np.asarray(edges) - o) / d, (0.5 * np.asarray(edges) - o) / d
-        enters = np.minimum(low, high).max(axis=-1)
-        leaves = np.maximum(low, high).min(axis=-1)
-        return np.where((enters < leaves) & (enters > 0.0), enters, np.inf)
-
-    return depth
+    shape = BoxShape(center, edges, Rotation.from_euler("xy", [turn, turn]).as_matrix())
+    return lambda rays: shape.hit(np.zeros(3), rays)[0]
 
 
 def cylinder(center: Sequence[float], radius: float, length: float) -> Shape:
     """Upright in the image."""
 
     def depth(rays: NDArray[np.float64]) -> NDArray[np.float64]:
-        d, c = rays[..., [0, 2]], np.asarray(center)[[0, 2]]
-        a, b = np.sum(d * d, axis=-1), d @ c
-        root = b * b - a * (c @ c - radius**2)
-        at = np.where(root > 0.0, (b - np.sqrt(np.maximum(root, 0.0))) / a, np.inf)
+        a, b, square, root = crossings(rays[..., [0, 2]], np.asarray(center)[[0, 2]], radius)
+        at = np.where(square > 0.0, (b - root) / a, np.inf)
         with np.errstate(invalid="ignore"):
             off = np.abs(at * rays[..., 1] - center[1])
         return np.where(off <= 0.5 * length, at, np.inf)

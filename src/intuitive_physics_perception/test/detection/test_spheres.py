@@ -39,10 +39,8 @@ def find(corner_model):
     finder = SphereFinder(model, SETTINGS, np.random.default_rng(4))
     solids = SolidFinder(model, SETTINGS, np.random.default_rng(5))
 
-    def spheres(balls=(), extra=(), as_cloud=False):
+    def spheres(balls=(), extra=()):
         points = room.points(balls, extra)
-        if as_cloud:
-            points = points.reshape(1, -1, 3)
         seen = all_objects(points, finder.find(points, foreground.find(points)), solids)
         found = [one.detection for one in seen]
         spheres = [seen for seen in found if isinstance(seen, DetectedSphere)]
@@ -218,12 +216,6 @@ def test_a_ball_lying_on_the_floor(find) -> None:
     ((place, sphere),) = find([((1.3, 0.1, 0.05), 0.05)])
     assert place == pytest.approx([1.3, 0.1, 0.05], abs=0.004)
     assert sphere.radius == pytest.approx(0.05, abs=0.002)
-
-
-def test_an_unorganised_cloud_shows_the_same_ball(find) -> None:
-    ((place, sphere),) = find([((1.5, 0.1, 0.4), 0.07)], as_cloud=True)
-    assert place == pytest.approx([1.5, 0.1, 0.4], abs=0.003)
-    assert sphere.radius == pytest.approx(0.07, abs=0.002)
 
 
 @pytest.mark.parametrize("seed", range(3))

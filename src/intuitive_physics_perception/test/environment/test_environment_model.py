@@ -15,6 +15,7 @@ from intuitive_physics_perception.environment.environment_model import (
     model_environment,
 )
 from intuitive_physics_perception.environment.fusion import fuse
+from intuitive_physics_perception.environment.gravity import degrees_between
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.planes import detect_planes
 from intuitive_physics_perception.input.camera import Intrinsics
@@ -22,10 +23,6 @@ from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.settings import PerceptionSettings
 
 SETTINGS = PerceptionSettings()
-
-
-def angle_degrees(a, b) -> float:
-    return float(np.degrees(np.arccos(np.clip(np.dot(a, b), -1.0, 1.0))))
 
 
 def patch(rng, normal, offset, size, count, noise=0.0):
@@ -39,13 +36,17 @@ def patch(rng, normal, offset, size, count, noise=0.0):
     return off[:, None] * normal + a[:, None] * first + b[:, None] * second
 
 
+def planes_in(points, rng, assumed=SETTINGS):
+    return detect_planes(points, RangeNoise.from_settings(assumed), assumed, rng)
+
+
 def test_the_corner_is_found_as_it_is(corner_model) -> None:
     room, model = corner_model
     planes = model.environment.planes
     assert [plane.id for plane in planes] == ["plane_0", "plane_1", "plane_2"]
     truth = [((0, 0, 1), 0.0), *room.walls]
     for plane in planes:
-        errors = [angle_degrees(plane.normal, normal) for normal, _ in truth]
+        errors = [degrees_between(plane.normal, normal) for normal, _ in truth]
         nearest = int(np.argmin(errors))
         assert errors[nearest] < 0.1
         assert plane.offset == pytest.approx(truth[nearest][1], abs=0.004)
@@ -55,7 +56,7 @@ def test_gravity_is_within_a_tenth_of_a_degree(corner_model) -> None:
     room, model = corner_model
     down = model.rotation.T @ model.environment.gravity
     assert np.linalg.norm(down) == pytest.approx(9.81)
-    assert angle_degrees(down / 9.81, room.rotation.T @ [0, 0, -1]) < 0.1
+    assert degrees_between(down / 9.81, room.rotation.T @ [0, 0, -1]) < 0.1
 
 
 def test_the_frame_stands_below_the_camera_and_looks_ahead(corner_model) -> None:
@@ -178,7 +179,7 @@ def test_a_wall_does_not_lift_the_floor_it_stands_on(rng) -> None:
         1.0 + noise * rng.normal(size=(2 * count, 1)) / np.linalg.norm(points, axis=1)[:, None]
     )
     exact = replace(SETTINGS, range_noise_constant=noise, range_noise_quadratic=0.0)
-    planes = detect_planes(points, RangeNoise.from_settings(exact), exact, rng)
+    planes = planes_in(points, rng, exact)
     assert len(planes) == 2
     for normal, centre in (
         ((0.0, -1.0, 0.0), (0.0, 1.0, 2.0)),
@@ -196,12 +197,10 @@ def test_planes_come_by_support_and_coplanar_ones_are_one(rng) -> None:
     table = patch(rng, (0, -1, -1), -1.5, 1.0, 4000, noise=0.001)
     table = table[np.abs(table[:, 0]) > 0.05]
     wall = patch(rng, (0, 0, -1), -2.5, 1.0, 1500, noise=0.001)
-    planes = detect_planes(
-        np.concatenate([wall, table]), RangeNoise.from_settings(SETTINGS), SETTINGS, rng
-    )
+    planes = planes_in(np.concatenate([wall, table]), rng)
     assert len(planes) == 2
     assert planes[0].support > planes[1].support
-    assert angle_degrees(planes[0].normal, np.array([0, -1, -1]) / np.sqrt(2)) < 0.2
+    assert degrees_between(planes[0].normal, np.array([0, -1, -1]) / np.sqrt(2)) < 0.2
     assert planes[0].offset == pytest.approx(-1.5, abs=0.002)
     assert planes[1].offset == pytest.approx(-2.5, abs=0.002)
 
@@ -238,7 +237,7 @@ def test_a_plane_that_touches_a_ball_elsewhere_is_none_there(seed) -> None:
     cap = center + radius * cap / np.linalg.norm(cap, axis=1, keepdims=True)
     cap = cap[np.einsum("ni,ni->n", cap - center, cap) < 0.0][:4000]
     points = np.concatenate([board, cap + 0.001 * rng.normal(size=cap.shape)])
-    planes = detect_planes(points, RangeNoise.from_settings(SETTINGS), SETTINGS, rng)
+    planes = planes_in(points, rng)
     assert any(plane.covers(board).mean() > 0.9 for plane in planes)
     assert not any(plane.covers(cap).any() for plane in planes)
 
@@ -265,8 +264,8 @@ def test_gravity_that_is_given_need_not_be_along_the_normal(rng, source) -> None
     assert model.rotation @ TRUE_UP == pytest.approx([0, 0, 1], abs=1e-9)
     assert model.environment.gravity == pytest.approx([0, 0, -9.81])
     support = model.environment.planes[0]
-    assert angle_degrees(support.normal, [0, 0, 1]) == pytest.approx(12.0, abs=0.2)
-    assert angle_degrees(support.normal, model.rotation @ normal) < 0.2
+    assert degrees_between(support.normal, [0, 0, 1]) == pytest.approx(12.0, abs=0.2)
+    assert degrees_between(support.normal, model.rotation @ normal) < 0.2
     # The origin lies on the support, straight below the camera.
     assert support.signed_distances(np.zeros(3)) == pytest.approx(0.0, abs=1e-9)
     camera = model.to_environment(np.zeros(3))
@@ -277,7 +276,7 @@ def test_gravity_that_is_given_need_not_be_along_the_normal(rng, source) -> None
 def test_a_hint_only_chooses_the_support(rng) -> None:
     cloud, normal = ramp(rng, 12.0)
     model = model_environment([cloud], replace(SETTINGS, up_hint=tuple(TRUE_UP)), rng)
-    assert angle_degrees(model.rotation.T @ [0, 0, 1], normal) < 0.2
+    assert degrees_between(model.rotation.T @ [0, 0, 1], normal) < 0.2
 
 
 def test_a_support_that_does_not_face_up_is_refused(rng) -> None:

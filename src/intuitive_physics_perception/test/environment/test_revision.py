@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 
 import numpy as np
 import pytest
@@ -52,17 +51,16 @@ def film(make_small_room) -> Film:
 
 
 @pytest.fixture
-def box(shapes):
-    return partial(shapes["box"], turn=0.3)
+def board(shapes):
+    return shapes["box"]((1.9, 0.1, 0.5), (0.02, 0.9, 1.0), 0.3)
 
 
 def no_move(results) -> bool:
     return not any(result.moved for result in results)
 
 
-def test_a_board_that_leaves_hides_nothing_any_more(film, box) -> None:
+def test_a_board_that_leaves_hides_nothing_any_more(film, board) -> None:
     """A ball that flies where the board stood, and behind it, is followed."""
-    board = box(center=(1.9, 0.1, 0.5), edges=(0.02, 0.9, 1.0))
     first = film.play(0.5, [board])[-1].model
     after = film.play(1.5)
     assert no_move(after)
@@ -78,8 +76,7 @@ def test_a_board_that_leaves_hides_nothing_any_more(film, box) -> None:
     assert sum(len(result.objects) == 1 for result in results) >= 0.7 * len(results)
 
 
-def test_the_frame_and_what_is_still_there_stay(film, box) -> None:
-    board = box(center=(1.9, 0.1, 0.5), edges=(0.02, 0.9, 1.0))
+def test_the_frame_and_what_is_still_there_stay(film, board) -> None:
     before = film.play(0.5, [board])[-1].model
     after = film.play(1.5)[-1].model
     assert after is not before
@@ -131,9 +128,9 @@ def test_a_ball_that_rests_stays_an_object(film) -> None:
     assert all(len(result.objects) == 1 for result in results[10:])
 
 
-def test_tracks_go_on_while_the_environment_is_revised(film, box) -> None:
+def test_tracks_go_on_while_the_environment_is_revised(film, shapes) -> None:
     ball = [((1.3, -0.3, 0.05), 0.05)]
-    board = box(center=(1.9, 0.3, 0.4), edges=(0.02, 0.6, 0.8))
+    board = shapes["box"]((1.9, 0.3, 0.4), (0.02, 0.6, 0.8), 0.3)
     film.play(0.5, [board])
     before = film.play(0.5, [board], ball)[-1]
     after = film.play(1.5, balls=ball)
@@ -143,8 +140,7 @@ def test_tracks_go_on_while_the_environment_is_revised(film, box) -> None:
     }
 
 
-def test_a_revision_in_the_background_gives_the_same_environment(make_small_room, box) -> None:
-    board = box(center=(1.9, 0.1, 0.5), edges=(0.02, 0.9, 1.0))
+def test_a_revision_in_the_background_gives_the_same_environment(make_small_room, board) -> None:
     at_once = Film(make_small_room)
     at_once.play(0.5, [board])
     expected = at_once.play(4.0)[-1].model.environment

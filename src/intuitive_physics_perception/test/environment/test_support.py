@@ -11,18 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics_perception.environment.environment_model import model_environment
-from intuitive_physics_perception.environment.gravity import FlightGravity
+from intuitive_physics_perception.environment.gravity import FlightGravity, degrees_between
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.motion_fits import SeenPath
 
 SETTINGS = PerceptionSettings(environment_frames=4)
 GRAVITY = np.array([0.0, 0.0, -9.81])
 STEP = 1.0 / 30.0
-
-
-def angle(first, second) -> float:
-    cosine = np.dot(first, second) / (np.linalg.norm(first) * np.linalg.norm(second))
-    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
 def frames_of(room, count, balls=(), extra=()):
@@ -37,12 +32,12 @@ def test_a_wall_is_no_support_where_a_floor_is_seen(make_small_room, height) -> 
     model = model_environment(frames, SETTINGS, np.random.default_rng(0))
     assert len(model.detected) == 2
     assert model.detected[0].support < model.detected[1].support
-    assert angle(model.rotation @ room.rotation.T @ [0, 0, 1], [0, 0, 1]) < 1.0
+    assert degrees_between(model.rotation @ room.rotation.T @ [0, 0, 1], [0, 0, 1]) < 1.0
     assert model.translation[2] == pytest.approx(height, abs=0.01)
     assert not model.gravity_doubt
     largest = replace(SETTINGS, camera_upright=False)
     wall_first = model_environment(frames, largest, np.random.default_rng(0))
-    assert angle(wall_first.detected[0].normal, [0, 0, -1]) < 1.0
+    assert degrees_between(wall_first.detected[0].normal, [0, 0, -1]) < 1.0
 
 
 def test_a_camera_that_looks_down_has_its_floor_and_says_that_it_may_be_a_wall(
@@ -50,7 +45,7 @@ def test_a_camera_that_looks_down_has_its_floor_and_says_that_it_may_be_a_wall(
 ) -> None:
     room = make_small_room(tilt=85.0, height=1.2, walls=[])
     model = model_environment(frames_of(room, 4), SETTINGS, np.random.default_rng(0))
-    assert angle(model.rotation @ room.rotation.T @ [0, 0, 1], [0, 0, 1]) < 1.0
+    assert degrees_between(model.rotation @ room.rotation.T @ [0, 0, 1], [0, 0, 1]) < 1.0
     assert "if it is a wall" in model.gravity_doubt
 
 
@@ -92,7 +87,7 @@ def test_flights_tell_gravity_where_no_floor_is_seen(
     assert len(reasons) == 1
     assert "gravity" in reasons[0]
     assert pipeline.model is not None
-    assert angle(pipeline.model.rotation[2], up) < 2.0
+    assert degrees_between(pipeline.model.rotation[2], up) < 2.0
     assert not pipeline.model.gravity_doubt
     last = watch(0.5, 8.0, thrown)[-1]
     (result,) = last.objects
@@ -102,41 +97,42 @@ def test_flights_tell_gravity_where_no_floor_is_seen(
     assert np.abs(result.state.linear_velocity - expected).max() < max(4.0 * deviation.max(), 0.1)
 
 
+def motion(rng, duration: float, rate: float, acceleration, noise: float = 0.002) -> SeenPath:
+    """p = v t + ½ a t² with a random velocity, read with some noise, m."""
+    times = np.arange(0.0, duration, 1.0 / rate)
+    places = np.outer(times, rng.normal(size=3)) + np.outer(0.5 * times**2, acceleration)
+    places += noise * rng.normal(size=places.shape)
+    return SeenPath(times, places, np.tile(noise**2 * np.eye(3), (len(times), 1, 1)))
+
+
 directions = st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1)
 
 
 @given(directions, st.integers(0, 1000), st.sampled_from([15.0, 30.0, 90.0]))
 def test_flights_in_any_direction_tell_it_within_their_deviation(direction, seed, rate) -> None:
-    """p = p₀ + v t + ½ g t² with 2 mm of noise; five flights."""
+    """Five flights."""
     rng = np.random.default_rng(seed)
     up = np.array(direction) / np.linalg.norm(direction)
     flights = FlightGravity(9.81)
-    times = np.arange(0.0, 0.5, 1.0 / rate)
     for _ in range(5):
-        velocity = rng.normal(size=3)
-        places = times[:, None] * velocity - 0.5 * 9.81 * times[:, None] ** 2 * up
-        places += 0.002 * rng.normal(size=places.shape)
-        flights.take(SeenPath(times, places, np.tile(4e-6 * np.eye(3), (len(times), 1, 1))))
+        flights.take(motion(rng, 0.5, rate, -9.81 * up))
     estimate = flights.up()
     assert estimate is not None
     # Five deviations: one in a million examples is beyond.
-    assert angle(estimate[0], up) < 5.0 * estimate[1] * np.sqrt(2.0)
+    assert degrees_between(estimate[0], up) < 5.0 * estimate[1] * np.sqrt(2.0)
 
 
 def test_the_newest_flights_count() -> None:
     # A thousand that agreed are outvoted by thirty that do, and take no time any more.
     rng = np.random.default_rng(0)
     flights = FlightGravity(9.81)
-    times = np.arange(0.0, 0.5, 1.0 / 30.0)
-    for up, count in (((0.0, 0.0, 1.0), 1000), ((0.0, 0.6, 0.8), 30)):
+    for direction, count in (((0.0, 0.0, 1.0), 1000), ((0.0, 0.6, 0.8), 30)):
+        up = np.array(direction)
         for _ in range(count):
-            places = times[:, None] * rng.normal(size=3)
-            places -= 0.5 * 9.81 * times[:, None] ** 2 * np.array(up)
-            places += 0.002 * rng.normal(size=places.shape)
-            flights.take(SeenPath(times, places, np.tile(4e-6 * np.eye(3), (len(times), 1, 1))))
+            flights.take(motion(rng, 0.5, 30.0, -9.81 * up))
         estimate = flights.up()
         assert estimate is not None
-        assert angle(estimate[0], up) < 5.0 * estimate[1] * np.sqrt(2.0)
+        assert degrees_between(estimate[0], up) < 5.0 * estimate[1] * np.sqrt(2.0)
 
 
 @given(st.integers(0, 1000), st.floats(0.0, 6.0))
@@ -144,11 +140,8 @@ def test_what_does_not_fall_tells_nothing(seed, acceleration) -> None:
     """Rolling, sliding and being carried: constant accelerations below gravity's."""
     rng = np.random.default_rng(seed)
     flights = FlightGravity(9.81)
-    times = np.arange(0.0, 1.0, 1.0 / 30.0)
     for _ in range(5):
         direction = rng.normal(size=3)
         direction *= acceleration / np.linalg.norm(direction)
-        places = times[:, None] * rng.normal(size=3) + 0.5 * times[:, None] ** 2 * direction
-        places += 0.001 * rng.normal(size=places.shape)
-        flights.take(SeenPath(times, places, np.tile(1e-6 * np.eye(3), (len(times), 1, 1))))
+        flights.take(motion(rng, 1.0, 30.0, direction, noise=0.001))
     assert flights.up() is None

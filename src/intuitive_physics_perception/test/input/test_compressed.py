@@ -21,6 +21,8 @@ from intuitive_physics_perception.input.compressed import (
 )
 from intuitive_physics_perception.input.frame_decoder import FrameDecoder
 
+from .camera_infos import info
+
 SHAPES = array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=12)
 DEPTHS = arrays(np.uint16, SHAPES, elements=st.sampled_from([0, 0, 1, 700, 701, 40000, 65535]))
 PNG, RVL = "16UC1; compressedDepth png", "16UC1; compressedDepth rvl"
@@ -95,18 +97,7 @@ def test_metres_come_out_within_a_step_of_their_quantisation(depth, rvl) -> None
 def test_a_frame_is_that_of_the_image_before_it_was_packed() -> None:
     depth = np.full((6, 8), 1500, np.uint16)
     decoder = FrameDecoder()
-    decoder.take_camera(
-        Message(
-            width=8,
-            height=6,
-            k=[10.0, 0.0, 3.5, 0.0, 10.0, 2.5, 0.0, 0.0, 1.0],
-            d=[],
-            distortion_model="plumb_bob",
-            binning_x=0,
-            binning_y=0,
-            roi=Message(x_offset=0, y_offset=0, width=0, height=0),
-        )
-    )
+    decoder.take_camera(info())
     points = decoder.compressed_image_points(Message(data=message(as_png(depth)), format=PNG))
     np.testing.assert_allclose(points[0, 0], [-3.5 / 10 * 1.5, -2.5 / 10 * 1.5, 1.5], rtol=1e-6)
 

@@ -6,9 +6,11 @@ import array
 from itertools import count
 
 import numpy as np
+from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 from std_msgs.msg import Header
 
+from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics_ros.conversions import stamp_from_seconds
 
 FRAMES = 4
@@ -28,6 +30,11 @@ def image_message(depth: np.ndarray, time: float, **changes) -> Image:
         step=2 * width,
         data=array.array("B", depth.astype("<u2").tobytes()),
     )
+    return changed(message, **changes)
+
+
+def changed(message, **changes):
+    """A message with other values of some fields."""
     for name, value in changes.items():
         setattr(message, name, value)
     return message
@@ -57,9 +64,27 @@ def cloud_message(points: np.ndarray, time: float, **changes) -> PointCloud2:
         row_step=12 * width,
         data=array.array("B", points.astype("<f4").tobytes()),
     )
-    for name, value in changes.items():
-        setattr(message, name, value)
+    return changed(message, **changes)
+
+
+def transform_stamped(
+    parent: str, child: str, pose: RigidTransform, time: float = 0.0
+) -> TransformStamped:
+    """Pose of a frame in its parent, as tf has it."""
+    message = TransformStamped(child_frame_id=child)
+    message.header.frame_id, message.header.stamp = parent, stamp_from_seconds(time)
+    message.transform.translation = Vector3(**dict(zip("xyz", pose.translation, strict=True)))
+    message.transform.rotation = Quaternion(**dict(zip("xyzw", pose.orientation, strict=True)))
     return message
+
+
+def says(heard, name: str, text: str, node: str = "perception_node") -> bool:
+    """Whether a diagnostic of a node says something."""
+    return any(
+        status.name == f"{node}: {name}" and text in status.message
+        for message in heard
+        for status in message.status
+    )
 
 
 def throw(room) -> list[np.ndarray]:

@@ -41,6 +41,7 @@ from .camera_messages import (
     info_message,
     play,
     play_until,
+    says,
     show_until,
     throw,
 )
@@ -78,15 +79,6 @@ def images(peer):
 
 def exact(stamp: Time) -> tuple[int, int]:
     return stamp.sec, stamp.nanosec
-
-
-def says(heard, name: str, text: str, node: str = "perception_node") -> bool:
-    """Whether a diagnostic of a node says something."""
-    return any(
-        status.name == f"{node}: {name}" and text in status.message
-        for message in heard
-        for status in message.status
-    )
 
 
 def test_images_without_camera_info_are_named_and_then_used(peer, images, node, room) -> None:
@@ -413,15 +405,12 @@ def test_clouds_bad_and_good(node, cloud_node, room) -> None:
     assert cloud_node.stop(signal.SIGINT) == 0
 
 
-def imu_message(up, time: float, **changes) -> Imu:
+def imu_message(up, time: float) -> Imu:
     x, y, z = (9.81 * np.asarray(up)).tolist()
-    message = Imu(
+    return Imu(
         header=Header(stamp=stamp_from_seconds(time), frame_id="imu"),
         linear_acceleration=Vector3(x=x, y=y, z=z),
     )
-    for name, value in changes.items():
-        setattr(message, name, value)
-    return message
 
 
 def test_gravity_is_that_of_the_imu(room) -> None:

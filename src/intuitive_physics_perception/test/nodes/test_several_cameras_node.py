@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import ObjectStates, Observation
-from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
@@ -22,7 +20,15 @@ from intuitive_physics_ros.conversions import (
 from intuitive_physics_ros.qos import LATCHED, OBSERVATIONS, SENSOR_DATA
 from intuitive_physics_ros.scripting import NodeProcess, Peer
 
-from .camera_messages import FRAMES, STEP, cloud_message, image_message, info_message
+from .camera_messages import (
+    FRAMES,
+    STEP,
+    cloud_message,
+    image_message,
+    info_message,
+    says,
+    transform_stamped,
+)
 
 pytestmark = pytest.mark.needs("tf2_msgs", "tf2_ros")
 
@@ -37,9 +43,7 @@ LAG = 0.02
 def rooms(make_small_room) -> dict:
     """The room as the camera sees it, and as one does that looks along -y."""
     first, second = make_small_room(seed=5), make_small_room(seed=6)
-    turn = Rotation.from_euler("z", -90.0, degrees=True).as_matrix()
-    second.rotation, second.rays = turn @ second.rotation, second.rays @ turn.T
-    second.origin = np.array([1.6, 1.2, 0.8])
+    second.look_along_minus_y([1.6, 1.2, 0.8])
     return {"": first, "side": second}
 
 
@@ -48,16 +52,11 @@ def header(name: str, time: float) -> Header:
 
 
 def places_message(rooms) -> TFMessage:
-    message = TFMessage()
-    for name, room in rooms.items():
-        transform = TransformStamped(child_frame_id=f"camera{name}")
-        transform.header.frame_id = "room"
-        place = transform.transform
-        place.translation = Vector3(**dict(zip("xyz", map(float, room.origin), strict=True)))
-        turn = Rotation.from_matrix(room.rotation).as_quat()
-        place.rotation = Quaternion(**dict(zip("xyzw", map(float, turn), strict=True)))
-        message.transforms.append(transform)
-    return message
+    return TFMessage(
+        transforms=[
+            transform_stamped("room", f"camera{name}", room.pose) for name, room in rooms.items()
+        ]
+    )
 
 
 class Session:
@@ -87,14 +86,6 @@ class Session:
             self.images[name].publish(image)
         self.time += STEP
         self.peer.spin_for(0.04)
-
-
-def says(heard, name: str, text: str) -> bool:
-    return any(
-        status.name == f"perception_node: {name}" and text in status.message
-        for message in heard
-        for status in message.status
-    )
 
 
 def test_two_cameras_make_one_track_and_one_goes_on_without_the_other(rooms) -> None:

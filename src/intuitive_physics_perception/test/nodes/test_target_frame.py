@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import ObjectStates, Observation
 from scipy.spatial.transform import Rotation
@@ -22,7 +21,6 @@ from intuitive_physics_ros.conversions import (
     object_states_from_messages,
     observation_from_message,
     seconds_from_stamp,
-    stamp_from_seconds,
 )
 from intuitive_physics_ros.qos import LATCHED, OBSERVATIONS, SENSOR_DATA
 from intuitive_physics_ros.scripting import NodeProcess, Peer
@@ -35,6 +33,7 @@ from .camera_messages import (
     play,
     play_until,
     throw,
+    transform_stamped,
 )
 
 pytestmark = pytest.mark.needs("tf2_msgs", "tf2_ros", "vision_msgs")
@@ -74,16 +73,11 @@ def room(make_small_room):
 
 def camera_in(base: RigidTransform, room) -> RigidTransform:
     """Pose of the camera in the robot's frame."""
-    in_room = RigidTransform(room.origin, Rotation.from_matrix(room.rotation).as_quat())
-    return base.inverse.after(in_room)
+    return base.inverse.after(room.pose)
 
 
 def transform_message(pose: RigidTransform, time: float = 0.0) -> TFMessage:
-    transform = TransformStamped(child_frame_id="camera")
-    transform.header.frame_id, transform.header.stamp = "base_link", stamp_from_seconds(time)
-    transform.transform.translation = Vector3(**dict(zip("xyz", pose.translation, strict=True)))
-    transform.transform.rotation = Quaternion(**dict(zip("xyzw", pose.orientation, strict=True)))
-    return TFMessage(transforms=[transform])
+    return TFMessage(transforms=[transform_stamped("base_link", "camera", pose, time)])
 
 
 def test_environment_states_and_observations_are_in_the_target_frame(peer, node, room) -> None:

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from intuitive_physics.observation import Observation
-from intuitive_physics.scene import Environment, Plane, SceneObject
+from intuitive_physics.scene import SceneObject
 from intuitive_physics.shapes import Sphere
-from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import EpisodeRecorder, observations_of
 from intuitive_physics_perception.tracking.free_motion import FreeMotion, Record
 from intuitive_physics_perception.tracking.tracker import COAST_TIME, Tracker
 
-FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
+from ..conftest import FLOOR, seen_sphere
+
 SETTINGS = PerceptionSettings()
 STEP = 1.0 / 30.0
 NOISE = 0.001
@@ -129,11 +129,7 @@ def run(rng, paths, times, settings=SETTINGS) -> list[tuple[float, Observation]]
     closed = []
     for k, time in enumerate(times):
         spheres = [
-            DetectedSphere(
-                path[k] + NOISE * rng.normal(size=3), RADIUS, NOISE**2 * np.eye(4), 200, 2.0
-            )
-            for path in paths
-            if np.isfinite(path[k]).all()
+            seen_sphere(rng, path[k], RADIUS) for path in paths if np.isfinite(path[k]).all()
         ]
         ended = tracker.update(float(time), spheres)
         for episode in recorder.update(float(time), tracker.tracks, ended):

@@ -6,8 +6,6 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from intuitive_physics.scene import Environment, Plane
-from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.fitted_sphere import Start
 from intuitive_physics_perception.detection.foreground import Clusters, ForegroundFinder
 from intuitive_physics_perception.detection.spheres import SphereFinder
@@ -16,8 +14,9 @@ from intuitive_physics_perception.hindsight import HINDSIGHT, Hindsight, RecentF
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.tracker import Tracker
 
+from ..conftest import FLOOR, seen_sphere
+
 SETTINGS = PerceptionSettings(environment_frames=4)
-FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
 SMALL = {"width": 400, "height_pixels": 300, "focal": 328.0}
 STEP = 1.0 / 60.0
 RADIUS = 0.05
@@ -31,10 +30,7 @@ def test_a_track_is_as_if_it_had_been_followed_from_the_start(earlier: int, late
     rng = np.random.default_rng([earlier, later])
     times = STEP * np.arange(earlier + later)
     places = [0.0, 0.0, 1.0] + np.outer(times, [1.0, 0.0, 2.0]) + np.outer(times**2, [0, 0, -4.905])
-    detections = [
-        DetectedSphere(place + rng.normal(0.0, 0.001, 3), 0.05, 0.001**2 * np.eye(4), 200, 2.0)
-        for place in places
-    ]
+    detections = [seen_sphere(rng, place, RADIUS) for place in places]
     whole, part = Tracker(FLOOR, SETTINGS), Tracker(FLOOR, SETTINGS)
     for time, detection in zip(times, detections, strict=True):
         whole.update(float(time), [detection])

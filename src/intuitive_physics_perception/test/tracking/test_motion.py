@@ -8,9 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics.scene import Environment, Plane, StaticBox
-from intuitive_physics_perception.tracking.motion import SIZE, Prediction, predicted
+from intuitive_physics_perception.tracking.motion import (
+    BOUNCE_RESTITUTION,
+    SIZE,
+    Prediction,
+    predicted,
+)
 
-FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
+from ..conftest import FLOOR
+
 CORNER = Environment([*FLOOR.planes, Plane("wall", "m", (-1, 0, 0), -1.0)])
 TABLE = Plane(
     "table", "m", (0, 0, 1), 0.7, [(-1, -1, 0.7), (1, -1, 0.7), (1, 1, 0.7), (-1, 1, 0.7)]
@@ -24,55 +30,48 @@ def ball(position, velocity):
     return np.array([*position, *velocity, RADIUS])
 
 
-def predict(mean, duration, environment=FLOOR, restitution=0.6, noise=0.0):
-    found = predicted(
-        mean,
-        COVARIANCE,
-        duration,
-        environment,
-        restitution=restitution,
-        acceleration_noise=noise,
-    )
-    return found.mean, found.covariance
+def predict(mean, duration, environment=FLOOR, *, noise=0.0, covariance=COVARIANCE, **more):
+    return predicted(mean, covariance, duration, environment, acceleration_noise=noise, **more)
 
 
 def test_flight_is_a_parabola() -> None:
     # x = x₀ + v t + g t² / 2
-    mean, covariance = predict(ball((0, 0, 1), (1, -2, 0.5)), 0.2)
-    assert mean[:3] == pytest.approx([0.2, -0.4, 1 + 0.1 - 0.5 * 9.81 * 0.04])
-    assert mean[3:6] == pytest.approx([1, -2, 0.5 - 9.81 * 0.2])
+    found = predict(ball((0, 0, 1), (1, -2, 0.5)), 0.2)
+    assert found.mean[:3] == pytest.approx([0.2, -0.4, 1 + 0.1 - 0.5 * 9.81 * 0.04])
+    assert found.mean[3:6] == pytest.approx([1, -2, 0.5 - 9.81 * 0.2])
     # Var(x + v t) = Var(x) + t² Var(v)
-    assert np.diag(covariance)[:3] == pytest.approx(1e-6 + 0.04 * 1e-2)
+    assert np.diag(found.covariance)[:3] == pytest.approx(1e-6 + 0.04 * 1e-2)
 
 
 def test_a_dropped_ball_comes_back_to_e_squared_of_its_height() -> None:
-    height, e = 0.8, 0.6
+    height, e = 0.8, BOUNCE_RESTITUTION
     fall = np.sqrt(2 * height / 9.81)
     up = e * np.sqrt(2 * 9.81 * height) / 9.81
-    mean, covariance = predict(ball((0, 0, RADIUS + height), (0, 0, 0)), fall + up, restitution=e)
-    assert mean[2] == pytest.approx(RADIUS + e**2 * height)
-    assert mean[5] == pytest.approx(0.0, abs=1e-9)
+    found = predict(ball((0, 0, RADIUS + height), (0, 0, 0)), fall + up)
+    assert found.mean[2] == pytest.approx(RADIUS + e**2 * height)
+    assert found.mean[5] == pytest.approx(0.0, abs=1e-9)
     # What an impact does to the velocity is in doubt.
-    assert covariance[5, 5] > COVARIANCE[5, 5]
+    assert found.covariance[5, 5] > COVARIANCE[5, 5]
 
 
 def test_a_wall_turns_the_normal_velocity_only() -> None:
-    mean, _ = predict(ball((0.9, 0, 1), (2.0, 1.0, 0.0)), 0.05, CORNER, restitution=0.5)
-    # It meets the wall after 0.05 m at 2 m/s and goes back at half the speed.
-    assert mean[0] == pytest.approx(0.95 - 0.5 * 2.0 * 0.025)
-    assert mean[3:5] == pytest.approx([-1.0, 1.0])
+    mean = predict(ball((0.9, 0, 1), (2.0, 1.0, 0.0)), 0.05, CORNER).mean
+    # It meets the wall after 0.05 m at 2 m/s and goes back at a part of the speed.
+    back = BOUNCE_RESTITUTION * 2.0
+    assert mean[0] == pytest.approx(0.95 - back * 0.025)
+    assert mean[3:5] == pytest.approx([-back, 1.0])
 
 
 def test_a_ball_on_the_floor_stays_on_it() -> None:
-    mean, _ = predict(ball((0, 0, RADIUS), (0.5, 0, 0)), 0.5)
+    mean = predict(ball((0, 0, RADIUS), (0.5, 0, 0)), 0.5).mean
     assert mean[:3] == pytest.approx([0.25, 0, RADIUS])
     assert mean[3:6] == pytest.approx([0.5, 0, 0])
 
 
 def test_a_ball_rolls_on_a_table_and_falls_beyond_its_edge() -> None:
-    on = predict(ball((0.5, 0, 0.7 + RADIUS), (1, 0, 0)), 0.1, TABLE_AND_FLOOR)[0]
+    on = predict(ball((0.5, 0, 0.7 + RADIUS), (1, 0, 0)), 0.1, TABLE_AND_FLOOR).mean
     assert on[:3] == pytest.approx([0.6, 0, 0.7 + RADIUS])
-    off = predict(ball((1.1, 0, 0.7 + RADIUS), (1, 0, 0)), 0.1, TABLE_AND_FLOOR)[0]
+    off = predict(ball((1.1, 0, 0.7 + RADIUS), (1, 0, 0)), 0.1, TABLE_AND_FLOOR).mean
     assert off[2] == pytest.approx(0.7 + RADIUS - 0.5 * 9.81 * 0.01)
 
 
@@ -82,16 +81,16 @@ def test_a_ball_rolls_on_a_box_and_falls_beyond_its_edge(turn) -> None:
     turned = (0.0, 0.0, np.sin(turn / 2.0), np.cos(turn / 2.0))
     box = StaticBox("box", "m", (0, 0, 0.2), turned, (1.0, 0.6, 0.4))
     world = Environment(FLOOR.planes, [box])
-    on = predict(ball([*(0.1 * axis[:2]), 0.4 + RADIUS], 0.8 * axis), 0.25, world)[0]
+    on = predict(ball([*(0.1 * axis[:2]), 0.4 + RADIUS], 0.8 * axis), 0.25, world).mean
     assert on[:3] == pytest.approx([*(0.3 * axis[:2]), 0.4 + RADIUS])
     assert on[3:6] == pytest.approx(0.8 * axis)
     # The centre is beyond the edge after 0.1 s, then it falls freely for 0.1 s.
-    off = predict(ball([*(0.42 * axis[:2]), 0.4 + RADIUS], 0.8 * axis), 0.2, world)[0]
+    off = predict(ball([*(0.42 * axis[:2]), 0.4 + RADIUS], 0.8 * axis), 0.2, world).mean
     assert off[:3] == pytest.approx([*(0.58 * axis[:2]), 0.4 + RADIUS - 0.5 * 9.81 * 0.01])
     assert off[5] == pytest.approx(-9.81 * 0.1)
     # The side turns it back.
-    hit = predict(ball([*(-0.65 * axis[:2]), 0.2], 2.0 * axis), 0.1, world, restitution=0.5)[0]
-    assert hit[3:5] @ axis[:2] == pytest.approx(-1.0)
+    hit = predict(ball([*(-0.65 * axis[:2]), 0.2], 2.0 * axis), 0.1, world).mean
+    assert hit[3:5] @ axis[:2] == pytest.approx(-2.0 * BOUNCE_RESTITUTION)
 
 
 @pytest.mark.parametrize("degrees", [2.0, 8.0, 15.0, 30.0])
@@ -102,30 +101,22 @@ def test_down_a_ramp_a_ball_gains_what_rolling_leaves_of_gravity(degrees) -> Non
     ramp = Environment([Plane("ramp", "m", normal, 0.0)])
     start = RADIUS * np.array(normal)
     for rolls, kappa in ((True, 0.4), (False, 0.0)):
-        found = predicted(
-            ball(start, 0.3 * down),
-            COVARIANCE,
-            0.4,
-            ramp,
-            restitution=0.6,
-            acceleration_noise=0.0,
-            rolls=rolls,
-        ).mean
+        found = predict(ball(start, 0.3 * down), 0.4, ramp, rolls=rolls).mean
         gain = 9.81 * np.sin(angle) / (1.0 + kappa)
         assert found[:3] == pytest.approx(start + (0.3 * 0.4 + 0.5 * gain * 0.16) * down)
         assert found[3:6] == pytest.approx((0.3 + 0.4 * gain) * down)
 
 
 def test_a_ball_flies_past_a_table_and_bounces_below_it() -> None:
-    past = predict(ball((0.95, 0, 0.8), (5, 0, -1)), 0.1, TABLE_AND_FLOOR)[0]
+    past = predict(ball((0.95, 0, 0.8), (5, 0, -1)), 0.1, TABLE_AND_FLOOR).mean
     assert past[5] == pytest.approx(-1 - 9.81 * 0.1)
-    below = predict(ball((0, 0, 0.3), (0, 0, -1)), 0.1, TABLE_AND_FLOOR)[0]
+    below = predict(ball((0, 0, 0.3), (0, 0, -1)), 0.1, TABLE_AND_FLOOR).mean
     assert below[5] == pytest.approx(-1 - 9.81 * 0.1)
 
 
 def test_an_unknown_acceleration_widens_the_covariance() -> None:
     # White noise: ∫ (T - t)² q dt of the place, with q of a constant acceleration over 1/30 s.
-    _, covariance = predict(ball((0, 0, 1), (0, 0, 0)), 0.1, noise=2.0)
+    covariance = predict(ball((0, 0, 1), (0, 0, 0)), 0.1, noise=2.0).covariance
     assert covariance[0, 0] == pytest.approx(1e-6 + 1e-4 + 2.0**2 / 30 * 0.1**3 / 3)
     assert covariance[3, 3] == pytest.approx(1e-2 + 2.0**2 / 30 * 0.1)
 
@@ -134,19 +125,12 @@ def test_an_unknown_acceleration_widens_the_covariance() -> None:
 def test_short_steps_add_up_to_a_long_one(steps) -> None:
     """What is known of a ball does not depend on how often it is looked at."""
     start = ball((0, 0, 3), (1, -2, 0.5))
-    mean, covariance = predict(start, 0.1, noise=2.0)
+    whole = predict(start, 0.1, noise=2.0)
     part = Prediction(start, COVARIANCE, np.eye(SIZE))
     for _ in range(steps):
-        part = predicted(
-            part.mean,
-            part.covariance,
-            0.1 / steps,
-            FLOOR,
-            restitution=0.6,
-            acceleration_noise=2.0,
-        )
-    assert part.mean == pytest.approx(mean)
-    assert part.covariance == pytest.approx(covariance, abs=1e-12)
+        part = predict(part.mean, 0.1 / steps, noise=2.0, covariance=part.covariance)
+    assert part.mean == pytest.approx(whole.mean)
+    assert part.covariance == pytest.approx(whole.covariance, abs=1e-12)
 
 
 @given(
@@ -155,10 +139,11 @@ def test_short_steps_add_up_to_a_long_one(steps) -> None:
     st.floats(0, 2),
 )
 def test_any_prediction_is_finite_and_its_covariance_positive(position, velocity, duration) -> None:
-    mean, covariance = predict(ball(position, velocity), duration, CORNER, noise=1.0)
+    found = predict(ball(position, velocity), duration, CORNER, noise=1.0)
+    mean = found.mean
     assert mean.shape == (SIZE,)
     assert np.isfinite(mean).all()
-    assert np.linalg.eigvalsh(covariance)[0] > -1e-9
+    assert np.linalg.eigvalsh(found.covariance)[0] > -1e-9
     if position[2] > RADIUS:
         # Energy never grows: e < 1, and gravity does the work it does.
         before = 0.5 * np.dot(velocity, velocity) + 9.81 * position[2]
@@ -169,22 +154,7 @@ def test_any_prediction_is_finite_and_its_covariance_positive(position, velocity
 def test_the_transition_is_the_derivative_of_the_prediction() -> None:
     # In flight it is exact.
     start, step = ball((0.9, 0, 0.3), (2.0, 0.5, -1.0)), 1e-6
-    first = predicted(
-        start,
-        COVARIANCE,
-        0.02,
-        FLOOR,
-        restitution=0.6,
-        acceleration_noise=0.0,
-    )
+    first = predict(start, 0.02)
     for k in range(SIZE - 1):
-        moved = start + step * np.eye(SIZE)[k]
-        other = predicted(
-            moved,
-            COVARIANCE,
-            0.02,
-            FLOOR,
-            restitution=0.6,
-            acceleration_noise=0.0,
-        )
+        other = predict(start + step * np.eye(SIZE)[k], 0.02)
         assert (other.mean - first.mean) / step == pytest.approx(first.transition[:, k], abs=1e-6)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from intuitive_physics.scene import Environment, Plane, SceneObject
+from intuitive_physics.scene import SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import observations_of
@@ -25,8 +25,9 @@ from intuitive_physics_perception.tracking.motion_fits import (
     spoilt_points,
 )
 
+from ..conftest import FLOOR
+
 UP = np.array([0.0, 0.0, 1.0])
-FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
 SETTINGS = PerceptionSettings()
 RADIUS = 0.05
 IN_TIME = 0.034

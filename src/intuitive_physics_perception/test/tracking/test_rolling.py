@@ -8,15 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics.scene import Environment, Plane, StaticBox
-from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.attitude import ROLLING_TIME, rolling_angular_velocity
 from intuitive_physics_perception.tracking.tracker import Tracker
 
-FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
+from ..conftest import FLOOR, seen_sphere
+
 SETTINGS = PerceptionSettings()
 STEP = 1.0 / 30.0
-RADIUS, NOISE = 0.05, 0.001
+RADIUS = 0.05
 UNKNOWN = SETTINGS.angular_velocity_deviation
 VECTORS = st.lists(st.floats(-5, 5), min_size=3, max_size=3).map(np.array)
 
@@ -32,16 +32,11 @@ def test_the_point_of_contact_stands_still(velocity, normal, radius) -> None:
     assert np.linalg.eigvalsh(covariance)[0] > 0.0
 
 
-def detected(rng, place) -> DetectedSphere:
-    error = NOISE * rng.normal(size=4)
-    return DetectedSphere(place + error[:3], RADIUS + error[3], NOISE**2 * np.eye(4), 200, 2)
-
-
 def tracked(environment, places, rng):
     """Time and the tracker's state of a ball in each frame in which it is tracked."""
     tracker, states = Tracker(environment, SETTINGS), []
     for k, place in enumerate(places):
-        tracker.update(k * STEP, [detected(rng, place)])
+        tracker.update(k * STEP, [seen_sphere(rng, place, RADIUS)])
         states += [
             (k * STEP, track.object_state(environment, SETTINGS)) for track in tracker.tracks
         ]
@@ -67,6 +62,8 @@ def test_rolling_is_seen_and_sliding_and_flight_are_not(rng) -> None:
         unknown = tracked(FLOOR, places, rng)[-1][1]
         assert unknown.angular_velocity == pytest.approx(np.zeros(3))
         assert np.diag(unknown.covariance)[9:] == pytest.approx(UNKNOWN**2)
+        # The orientation of a ball is no question.
+        assert np.abs(unknown.covariance[3:6]).max() == 0.0
 
 
 BOX = StaticBox("box", "m", (0.5, 0.0, 0.2), (0.0, 0.0, 0.0, 1.0), (1.4, 0.6, 0.4))
@@ -124,7 +121,7 @@ def test_a_ball_that_rolls_on_a_box_keeps_its_height_and_falls_at_its_edge(rng) 
     for k, time in enumerate(times):
         if z[k] < RADIUS:
             break
-        tracker.update(float(time), [detected(rng, np.array([x[k], 0.0, z[k]]))])
+        tracker.update(float(time), [seen_sphere(rng, [x[k], 0.0, z[k]], RADIUS)])
         (track,) = tracker.tracks or [None]
         if track is not None and time > 0.2:
             expected = -9.81 * fallen[k]

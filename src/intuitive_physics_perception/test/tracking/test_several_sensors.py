@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
 from intuitive_physics_perception.tracking.tracker import Tracker
 
+from ..conftest import FLOOR, seen_sphere
+
 DEVIATION, RADIUS, SCAN = 0.002, 0.06, 0.1
-FLOOR = Environment([Plane("floor", "wood", (0.0, 0.0, 1.0), 0.0)])
 
 
 def flight(time: float) -> np.ndarray:
@@ -23,10 +23,7 @@ def flight(time: float) -> np.ndarray:
 
 
 def seen(rng, time: float, delay: float = 0.0) -> DetectedSphere:
-    noise = rng.normal(0.0, DEVIATION, 4)
-    covariance = DEVIATION**2 * np.eye(4)
-    place = flight(time + delay) + noise[:3]
-    return DetectedSphere(place, RADIUS + noise[3], covariance, 300, 2.0, delay=delay)
+    return seen_sphere(rng, flight(time + delay), RADIUS, DEVIATION, delay=delay)
 
 
 def test_what_a_slow_sensor_alone_sees_is_followed(rng) -> None:
@@ -144,18 +141,14 @@ def test_a_ball_that_leaves_its_rest_is_followed_through_late_scans(rng) -> None
     def place(time: float) -> np.ndarray:
         return np.array([0.5 * max(time - 1.0, 0.0), 0.0, RADIUS])
 
-    def ball(time: float, delay: float = 0.0) -> DetectedSphere:
-        noise = rng.normal(0.0, DEVIATION, 4)
-        covariance = DEVIATION**2 * np.eye(4)
-        center = place(time + delay) + noise[:3]
-        return DetectedSphere(center, RADIUS + noise[3], covariance, 300, 2.0, delay=delay)
-
     tracker = Tracker(FLOOR, PerceptionSettings())
     frames = [(k / 30.0, 0.0) for k in range(60)]
     scans = [(0.1 * n + 0.02, 0.1) for n in range(1, 20)]
     for stamp, duration in sorted(frames + scans):
         delay = duration * float(rng.uniform())
-        tracker.update(stamp - duration, [ball(stamp - duration, delay)], str(duration))
+        seen_at = place(stamp - duration + delay)
+        ball = seen_sphere(rng, seen_at, RADIUS, DEVIATION, delay=delay)
+        tracker.update(stamp - duration, [ball], str(duration))
         for track in tracker.tracks:
             if 0.7 < stamp < 1.0:
                 assert track.resting

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from intuitive_physics.scene import Environment, Plane
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import smooth
 from intuitive_physics_perception.tracking.tracker import Tracker
 
-FLOOR = Environment([Plane("floor", "m", (0, 0, 1), 0.0)])
+from ..conftest import FLOOR
+
 SETTINGS = PerceptionSettings()
 STEP = 1.0 / 30.0
 RADIUS = 0.05

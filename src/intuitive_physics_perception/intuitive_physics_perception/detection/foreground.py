@@ -117,6 +117,10 @@ class ForegroundFinder:
         frame they count as new, wherever the objects were when the environment was modelled."""
         self._objects = np.concatenate([np.zeros(0, dtype=np.int64), *pixels])
 
+    def before(self, points: NDArray[np.float32]) -> NDArray[np.int64]:
+        """Return the indices of those of points (n, 3) m that lie before all planes."""
+        return self._planes.readings_before(points)[0]
+
     def find(self, points: NDArray[np.float32]) -> Clusters:
         """Cluster the foreground of a frame of points (height, width, 3)."""
         marks, readings, is_known = self._marks(points)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.materials import StaticParameters
-from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.search.convergence import (
     ConvergenceCriteria,
@@ -22,7 +21,7 @@ from intuitive_physics_learner.search.convergence import (
 )
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.plain_state import Resumable
-from intuitive_physics_learner.search.search_space import ActiveSpace
+from intuitive_physics_learner.search.search_space import SearchSpace
 from intuitive_physics_learner.search.update_rules import UpdateRule
 
 CostFunction = Callable[[Sequence[StaticParameters]], NDArray[np.float64]]
@@ -183,9 +182,7 @@ class ParameterSearch(Search):
 
     remembered = (*Search.remembered, "_best_point")
 
-    def __init__(
-        self, cost: CostFunction, space: ParameterSpace | ActiveSpace, rule: UpdateRule
-    ) -> None:
+    def __init__(self, cost: CostFunction, space: SearchSpace, rule: UpdateRule) -> None:
         super().__init__()
         if rule.size != space.size:
             raise InvalidInputError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,20 @@ from intuitive_physics.parameter_space import ParameterSpace
 
 STATIC, DYNAMIC = map(PAIR_COEFFICIENTS.index, ("static_friction", "dynamic_friction"))
 """Indices of μ_s and μ_d among the coefficients of a pair."""
+
+
+class SearchSpace(Protocol):
+    """The interface of `ParameterSpace`, or of a part of it, that a search needs."""
+
+    @property
+    def size(self) -> int:
+        """Number of parameters that are searched."""
+
+    def to_parameters(self, unit: ArrayLike) -> StaticParameters:
+        """Map a point of the unit cube to θ_s.
+
+        `unit` (size,) point, each coordinate from 0 to 1.
+        """
 
 
 class ActiveSpace:

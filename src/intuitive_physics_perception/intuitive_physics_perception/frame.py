@@ -37,6 +37,7 @@ class Frame:
     pose : of the sensor, in a frame that stands still; None where it is not known to move
     camera : name of a further camera, empty for the first
     offsets : (height, width) s, time of each reading after `time`; None: all are of that time
+    duration : s, from the first reading to the last
     """
 
     time: float
@@ -45,15 +46,14 @@ class Frame:
     pose: RigidTransform | None = None
     camera: str = ""
     offsets: NDArray[np.float32] | None = None
+    duration: float = 0.0
 
     @cached_property
     def scan(self) -> Scan | None:
         """Times of the readings; None where they are an image, or all of one time."""
-        if self.offsets is None or self.points.shape[0] > 1:
+        if self.offsets is None or self.duration == 0.0 or self.points.shape[0] > 1:
             return None
-        read = self.offsets[np.isfinite(self.points[..., 2])]
-        duration = float(np.ptp(read)) if read.size else 0.0
-        return Scan(self.offsets.ravel(), duration) if duration > 0.0 else None
+        return Scan(self.offsets.ravel(), self.duration)
 
     def delay_of(self, readings: NDArray[np.int64]) -> float:
         """Return the mean time, s, after that of the frame, of some readings.

@@ -156,7 +156,7 @@ class PerceptionPipeline:
         self._budget.begin_frame()
         restarted = self._timeline.goes_back(camera, stamp, first, last)
         episodes = self._restarted() if restarted else ()
-        frame = Frame(time, points, colors, pose, camera, offsets)
+        frame = Frame(time, points, colors, pose, camera, offsets, last - first)
         if not np.isfinite(points[..., 2]).any():
             problem = "the frame has no reading at all; expected points: is the sensor covered?"
             result = self._unused(time, problem)
@@ -267,7 +267,7 @@ class PerceptionPipeline:
         return self._perceive(self._scene, eye, frame)
 
     def _model_where_it_stands(self, scene: ModelledScene, frame: Frame) -> None:
-        """Begin to model anew where a sensor that has moved stands, if nothing moves."""
+        """Begin to model the environment where a moved sensor stands, if no object moves."""
         if scene.is_at_home:
             self._newest.forget()
             return

@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.parameter_posterior import LARGEST_DEVIATION
-from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
+from intuitive_physics.parameter_space import parameter_vector
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.normal_equations import reduced_equations
 from intuitive_physics_learner.joint_estimation.scans import scanned
 from intuitive_physics_learner.search.gaussian import Gaussian
-from intuitive_physics_learner.search.search_space import ActiveSpace
+from intuitive_physics_learner.search.search_space import SearchSpace
 
 CURVATURE_WIDENING = 3.0
 """Factor on the steps of the finite differences from which the posterior is computed; set by
@@ -219,7 +219,7 @@ def interval_ends(
 
 
 def ends_in_si_units(
-    space: ParameterSpace | ActiveSpace,
+    space: SearchSpace,
     unit: NDArray[np.float64],
     ends: NDArray[np.float64],
     places: NDArray[np.int64],

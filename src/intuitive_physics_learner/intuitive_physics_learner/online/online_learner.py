@@ -46,8 +46,10 @@ class OnlineLearner:
 
     Parameters
     ----------
-    state : of a learner to continue exactly, with the `observations` that it kept, in any order;
-        None to begin with nothing
+    simulator : the engine that simulates candidates
+    options : how to learn; None for the defaults
+    state : of a learner to continue exactly; None to begin with nothing
+    observations : `kept_observations` of that learner, in any order
     recall : returns earlier observations by their ids, those that are still to be learned from;
         None: what may be needed of them is kept here
 

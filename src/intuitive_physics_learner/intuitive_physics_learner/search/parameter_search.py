@@ -101,7 +101,7 @@ class Search(Resumable, ABC):
 
         Parameters
         ----------
-        on_checkpoint : called with the `state_dict` at most every `CHECKPOINT_PERIOD`, and at the
+        on_checkpoint : called with the `state` at most every `CHECKPOINT_PERIOD`, and at the
             end
         reserve : given the s that the search has taken, returns the s of the time limit to leave
             for what comes after it

@@ -148,10 +148,13 @@ def passing_way(points: Any, place: Any, way: Any) -> Any:
 
 @inlined
 def _time_and_excess(
-    ux: float, uy: float, uz: float, sphere: Any, sweep: Any
+    known: float, ux: float, uy: float, uz: float, sphere: Any, sweep: Any
 ) -> tuple[float, float]:
     """Middle t̄ of the times in which a ray along a unit vector meets the ball, and how much nearer
-    h(t̄) is than the mean of h, m; the nearest time and nothing for a ray that never meets it."""
+    h(t̄) is than the mean of h, m; the nearest time and nothing for a ray that never meets it; the
+    `known` time and nothing where that is not NaN."""
+    if not isnan(known):
+        return known, 0.0
     along = ux * sphere[0] + uy * sphere[1] + uz * sphere[2]
     drift = ux * sweep[0] + uy * sweep[1] + uz * sweep[2]
     mx, my, mz = sphere[0] - along * ux, sphere[1] - along * uy, sphere[2] - along * uz
@@ -199,18 +202,16 @@ def unswept(points: Any, times: Any, sphere: Any, sweep: Any) -> Any:
         if not distance > 0.0:
             continue
         ux, uy, uz = x / distance, y / distance, z / distance
-        time, excess, part = times[i], 0.0, 1.0
-        is_timed = not isnan(time)
-        if not is_timed:
-            time, excess = _time_and_excess(ux, uy, uz, sphere, sweep)
+        time, excess = _time_and_excess(times[i], ux, uy, uz, sphere, sweep)
         cx, cy, cz = (
             sphere[0] + time * sweep[0],
             sphere[1] + time * sweep[1],
             sphere[2] + time * sweep[2],
         )
         ahead = ux * cx + uy * cy + uz * cz - distance
+        part = 1.0
         if abs(ahead) > NEAR_SURFACE * sphere[3]:
-            if not is_timed or distance + ahead <= 0.0:
+            if isnan(times[i]) or distance + ahead <= 0.0:
                 continue
             part = distance / (distance + ahead)
         moved[i, 0] = x - part * time * sweep[0] - excess * ux
@@ -252,9 +253,7 @@ def fit_sweep(
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
             distance = sqrt(x * x + y * y + z * z)
             ux, uy, uz = x / distance, y / distance, z / distance
-            time, excess = times[i], 0.0
-            if isnan(time):
-                time, excess = _time_and_excess(ux, uy, uz, now, way)
+            time, excess = _time_and_excess(times[i], ux, uy, uz, now, way)
             x -= time * way[0] + excess * ux
             y -= time * way[1] + excess * uy
             z -= time * way[2] + excess * uz

@@ -60,9 +60,15 @@ def make_update_rule(
     start: ArrayLike | None = None,
     **settings: Any,
 ) -> UpdateRule:
-    """Return the update rule of that name, one of `UPDATE_RULES` or `FURTHER_RULES`.
+    """Return the update rule of that name.
 
-    All else is as `UpdateRule` has it, of which `start` (n,).
+    Parameters
+    ----------
+    name : one of `UPDATE_RULES` or `FURTHER_RULES`
+    size : number of parameters n
+    generator : the only source of randomness; owned by the rule from now on
+    start : (n,) point of the unit cube proposed before all others
+    settings : of the rule, instead of its `defaults`
 
     Raises
     ------

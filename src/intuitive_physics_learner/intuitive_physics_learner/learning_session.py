@@ -316,6 +316,7 @@ def _begin(
         influence,
         start,
         detected_cost=detected_cost,
+        simulator=simulator,
         start_was_learned=previous.version > 0,
     )
     prior = None if given is None else _given_prior(task, given)

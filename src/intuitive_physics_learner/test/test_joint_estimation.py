@@ -20,7 +20,7 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     InitialStateDeviations,
     InitialStates,
 )
-from intuitive_physics_learner.joint_estimation.order_of_fits import StagedFit
+from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.joint_search import JointSearch
 from intuitive_physics_learner.joint_search.identifiability import (
     balanced_half,

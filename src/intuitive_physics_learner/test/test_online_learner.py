@@ -15,7 +15,7 @@ from intuitive_physics_learner import LearningOptions
 from intuitive_physics_learner.assessment.reasons import Reason
 from intuitive_physics_learner.given_parameters import FIXED, PRIOR, given_parameters
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE, JointFit
-from intuitive_physics_learner.joint_estimation.order_of_fits import LEFT, SeveralStarts
+from intuitive_physics_learner.joint_estimation.several_starts import LEFT, SeveralStarts
 from intuitive_physics_learner.online import memory
 from intuitive_physics_learner.online.doubt import assessed
 from intuitive_physics_learner.online.memory import grow_older

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
 from intuitive_physics_learner import ConvergenceCriteria
-from intuitive_physics_learner.joint_estimation import JointEstimationSettings, order_of_fits
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings, several_starts
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
-from intuitive_physics_learner.joint_estimation.order_of_fits import (
+from intuitive_physics_learner.joint_estimation.several_starts import (
     CHANCE_EVIDENCE,
     DROP_STEPS,
     LEFT,
@@ -90,7 +90,7 @@ def test_what_evidence_differs_by_chance_does_not_count(gliding_task, monkeypatc
     fits = run(gliding_task([0.6] * 3), np.array([[0.5] * 4, [0.7] * 4]), steps=1)
     apart = fits.fits[1].unit - fits.fits[0].unit
     evidences = np.array([0.0, -difference])
-    monkeypatch.setattr(order_of_fits, "compared_evidences", lambda *a, **k: evidences)
+    monkeypatch.setattr(several_starts, "compared_evidences", lambda *a, **k: evidences)
     other = np.exp(-difference / CHANCE_EVIDENCE)
     fits.choose()
     np.testing.assert_allclose(fits.spread, apart**2 * other / (1.0 + other), rtol=1e-9)
@@ -151,7 +151,7 @@ def stated(monkeypatch):
     def stated_evidences(task, fit, horizons, steps=0):
         return fit.evidences, 0.0
 
-    monkeypatch.setattr(order_of_fits, "log_evidences", stated_evidences)
+    monkeypatch.setattr(several_starts, "log_evidences", stated_evidences)
     return lambda *evidences: SimpleNamespace(
         evidences=np.array(evidences), observation_fits=lambda: [SimpleNamespace(horizon=1.0)]
     )
@@ -171,7 +171,7 @@ def test_no_fit_has_the_advantage_of_its_own_horizon(stated, monkeypatch):
     first, second = stated(0.0, 0.0, 0.0), stated(-1.0, -1.0, -1.0)
     ahead = {1.0: 0.0, 1.5: 9.0}
     monkeypatch.setattr(
-        order_of_fits,
+        several_starts,
         "log_evidences",
         lambda task, fit, horizons, steps: (
             fit.evidences - (fit is first) * ahead[horizons[0]],
@@ -189,7 +189,7 @@ def test_votes_are_bounded_and_the_difference_of_two_is_clipped(drawn):
         fit.evidences = np.array(evidences)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            order_of_fits, "log_evidences", lambda task, fit, horizons, steps: (fit.evidences, 0.0)
+            several_starts, "log_evidences", lambda task, fit, horizons, steps: (fit.evidences, 0.0)
         )
         compared = compared_evidences(None, made)
         first = compared_evidences(None, made[:2])

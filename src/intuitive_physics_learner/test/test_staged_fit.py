@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import TrajectoryCost
 from intuitive_physics_learner.cost.wrapped_costs import PartialCost
-from intuitive_physics_learner.joint_estimation import JointEstimationSettings, order_of_fits
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings, staged_fit
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.order_of_fits import StagedFit, separable
+from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit, separable
 from intuitive_physics_learner.search.learning_task import FitTask
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
@@ -25,7 +25,7 @@ STEPS = 4
 
 @pytest.fixture(autouse=True)
 def few_steps(monkeypatch):
-    monkeypatch.setattr(order_of_fits, "SEPARATE_STEPS", STEPS)
+    monkeypatch.setattr(staged_fit, "SEPARATE_STEPS", STEPS)
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ def test_a_stopped_fit_continues_exactly(task, stopped):
 
 
 def test_fits_jointly_from_the_beginning_where_few_moved_alone(task, monkeypatch):
-    monkeypatch.setattr(order_of_fits, "SMALLEST_SEPARATE_SHARE", 1.0)
+    monkeypatch.setattr(staged_fit, "SMALLEST_SEPARATE_SHARE", 1.0)
     jointly = fit_of(task)
     jointly.step()
     assert jointly.joint.steps == 1

@@ -1,4 +1,4 @@
-"""Motions followed beyond fit horizons: jumps, velocities, and which throws need a kick."""
+"""Motions followed beyond fit horizons, and which throws need a kick."""
 
 import numpy as np
 import pytest
@@ -10,21 +10,13 @@ from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import TrajectoryCost
-from intuitive_physics_learner.assessment.undisturbed_motion import (
-    JUMP_DISPLACEMENT,
-    JUMP_VELOCITY,
-    VELOCITY_STEP,
-    _jump,
-    _states_at,
-    undisturbed_misfits,
-)
+from intuitive_physics_learner.assessment.undisturbed_motion import undisturbed_misfits
 from intuitive_physics_learner.joint_search.joint_search import JointSearch
 
 from .cases import task_of
 
 MATERIALS = ("thing", "floor")
-G = np.array([0.0, 0.0, -9.81])
-FLOOR = Environment([Plane("floor", "floor", (0.0, 0.0, 1.0), 0.0)], gravity=G)
+FLOOR = Environment([Plane("floor", "floor", (0.0, 0.0, 1.0), 0.0)], gravity=(0.0, 0.0, -9.81))
 TIMES = np.arange(75) / 30.0
 NOISE = 0.01
 
@@ -76,38 +68,3 @@ def test_a_kick_in_motion_or_at_rest_is_no_undisturbed_motion(event_driven, shap
     others = np.nan_to_num(np.delete(misfits, 2))
     assert misfits[2] > 3.0 * max(others.max(), 1.5)
     assert TIMES[kick] - 0.4 < times[2] < TIMES[kick] + 0.4
-
-
-def test_jumps_are_the_ridge_regression_of_offsets():
-    """With x = (a, b), (Aᵀ W A + P) x = Aᵀ W r for A = [1 t], P of the priors."""
-    generator = np.random.default_rng(0)
-    times = np.arange(6) / 30.0
-    offsets = generator.normal(0.0, 0.01, (1, 2, 1, 6, 3))
-    precisions, scales = np.full((1, 1, 6), 0.02**-2), np.array([[[1.0], [0.1]]])
-    jump = _jump(offsets, times[None], precisions, scales)
-    design = np.stack([np.ones(6), times], axis=1)
-    for k, scale in enumerate((1.0, 0.1)):
-        prior = np.diag([(scale * JUMP_DISPLACEMENT) ** -2, (scale * JUMP_VELOCITY) ** -2])
-        information = design.T @ design * 0.02**-2 + prior
-        x = np.linalg.solve(information, design.T @ offsets[0, k, 0] * 0.02**-2)
-        np.testing.assert_allclose(jump.displacements[0, k, 0], x[0], atol=1e-12)
-        np.testing.assert_allclose(jump.velocities[0, k, 0], x[1], atol=1e-12)
-        np.testing.assert_allclose(jump.losses[0, k], 0.5 * np.sum(x * (prior @ x)), rtol=1e-9)
-        np.testing.assert_allclose(jump.offsets[0, k, 0], offsets[0, k, 0] - design @ x, atol=1e-12)
-
-
-def test_states_of_a_free_flight_are_read_from_a_rollout(event_driven):
-    """Over a step h a velocity errs by g h / 2, and a spin of constant axis by rounding."""
-    thing = SceneObject("thing", "thing", Sphere(0.1))
-    state = ObjectState(
-        [0.0, 0.0, 5.0], linear_velocity=[1.0, 2.0, 3.0], angular_velocity=[4.0, -5.0, 6.0]
-    )
-    parameters = StaticParameters.uniform(MATERIALS)
-    rollout = event_driven.rollout(
-        [Scene(FLOOR, (thing,), (state,))], parameters, [0.2, 0.2 + VELOCITY_STEP]
-    )
-    ((read,),) = _states_at(rollout, np.zeros(1, dtype=np.int64))
-    np.testing.assert_allclose(read[:3], rollout.positions[0, 0, 0])
-    velocity = state.linear_velocity + 0.2 * G
-    np.testing.assert_allclose(read[7:10], velocity, atol=9.81 * VELOCITY_STEP)
-    np.testing.assert_allclose(read[10:], state.angular_velocity, rtol=1e-4)

@@ -16,21 +16,29 @@ come to rest, and stays there as long as it was seen, is followed no longer.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from operator import methodcaller
 
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.geometry.rotations import quaternion_product, rotate_quaternions
-from intuitive_physics.simulation import Rollout, Simulator, WorldStatus
+from intuitive_physics.simulation import Simulator, WorldStatus
 from intuitive_physics.simulation.shares import mapped_in_shares
 from intuitive_physics_learner.cost.cost_function import chunks
 from intuitive_physics_learner.cost.packed_observations import PackedObservations, packed_in_groups
-from intuitive_physics_learner.joint_estimation.fit_horizons import FAILED_LENGTH
+from intuitive_physics_learner.joint_estimation.chaotic_states import (
+    CHANGE_SPREADS,
+    RESTING_SPEED,
+    VELOCITY_STEP,
+    chaos_scales,
+    drawn_again,
+    moved,
+    states_at,
+    surface_speeds,
+)
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.normal_equations import huber_weights, robust_loss
+from intuitive_physics_learner.joint_estimation.jumps import asked_jump
 from intuitive_physics_learner.joint_estimation.observation_blocks import LARGEST_BLOCK
+from intuitive_physics_learner.joint_estimation.seen_points import SeenPoints
 
 MOTIONS = (64, 256)
 """Motions that are followed: first of all observations, then of those with a notable misfit."""
@@ -44,41 +52,6 @@ SEGMENT = 0.2
 
 FEWEST_POINTS = 3
 """Points over which the loss of a segment is averaged at least."""
-
-JUMP_DISPLACEMENT, JUMP_VELOCITY = 0.01, 0.05
-"""Standard deviations (m and m/s) of the jumps that points ask for. With 0.15 m/s what a hand
-holds is followed as well; set by hand on the sets of seeds 100 to 105 and 130 to 137."""
-
-SPREADS = (0.004, 0.06, 0.05, 1.0)
-"""Standard deviations by which states are spread at the start of a segment, of position (m), turn
-(rad), velocity (m/s) and spin (rad/s); set by hand on the same sets."""
-
-CHAOTIC_SPEED = 0.5
-"""Speed of the centre and of the surface together from which on jumps are as large as these, m/s;
-set by hand."""
-
-SMALLEST_SCALE = 0.01
-"""Part of the jumps that is left to what rests: none would leave no room for rounding."""
-
-TEMPER = 2.0
-"""Loss by which a motion is drawn again e times less often: by the likelihood itself a few motions
-would be left of hundreds; set by hand."""
-
-REWEIGHTINGS = 3
-"""Rounds of weighting points against outliers."""
-
-RESTING_SPEED = 0.1
-"""Mean speed of all motions of an object below which it may have come to rest, m/s; set by hand."""
-
-RESTING_LOSS = 2.5
-"""Mean loss of all later points about one place up to which it stays there: 1.5 of noise, and what
-the place errs."""
-
-VELOCITY_STEP = 1e-3
-"""Time over which velocities are differences of positions, s."""
-
-TIME_ROUNDING = 1e-6
-"""Error of stamps, s, by which a segment may be longer."""
 
 
 def undisturbed_misfits(
@@ -123,85 +96,6 @@ def undisturbed_misfits(
     return misfits, times
 
 
-@dataclass(frozen=True, eq=False)
-class _SeenPoints:
-    """Points of A observations of O objects at up to T times, and what begins where fits stop."""
-
-    times: NDArray[np.float64]  # (A, T) s, NaN beyond the last
-    observed: NDArray[np.float64]  # (A, O, T, 3) m, without shared errors
-    whitening: NDArray[np.float64]  # (A, O, T, 3, 3) 1/m, 0 where there is no point
-    begin: NDArray[np.int64]  # (A,) column of the fit horizon
-
-    @staticmethod
-    def of(fit: JointFit, group: PackedObservations, rows: NDArray[np.int64]) -> _SeenPoints:
-        """Take the estimate's shared errors out of what was observed."""
-        observed, times = group.observed[rows].copy(), group.times[rows]
-        whitening, begin = np.zeros((*observed.shape, 3)), np.zeros(rows.size, dtype=np.int64)
-        place = {int(group.members[row]): a for a, row in enumerate(rows)}
-        for block, fits in zip(fit.model.blocks, fit.estimate.fits, strict=True):
-            moved = block.displaced(np.zeros((*block.times.shape, 3)), fits.estimate)
-            for k, member in enumerate(block.members.tolist()):
-                if member not in place:
-                    continue
-                a = place[member]
-                points = group.points[rows[a]]
-                points = points[points >= 0]
-                where = (a, *np.divmod(points, times.shape[1]))
-                observed[where] -= moved[k, : points.size]
-                whitening[where] = block.whitening[k, : points.size]
-                begin[a] = int((times[a] <= fits.horizons[k]).sum()) - 1
-        return _SeenPoints(times, observed, whitening, begin)
-
-    @property
-    def last(self) -> NDArray[np.int64]:
-        """Column (A,) of the last time."""
-        return np.isfinite(self.times).sum(axis=1) - 1
-
-    def ends(self, begin: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Columns (A,) at which the segments end that begin after columns (A,)."""
-        start = np.take_along_axis(self.times, begin[:, None], axis=1)
-        inside = (self.times <= start + SEGMENT + TIME_ROUNDING).sum(axis=1) - 1
-        return np.minimum(np.maximum(inside, begin + 1), self.last)
-
-    def stays(self, row: int, column: int, places: NDArray[np.float64]) -> bool:
-        """Whether an observation's objects stay at places (O, 3) in m after a column."""
-        after = slice(column + 1, self.last[row] + 1)
-        offsets = places[:, None] - self.observed[row, :, after]
-        whitening = self.whitening[row, :, after]
-        there = whitening.any(axis=(2, 3))
-        lengths = np.linalg.norm((whitening @ offsets[..., None])[..., 0], axis=-1)[there]
-        return bool(robust_loss(lengths).mean() < RESTING_LOSS)
-
-    def segment(
-        self, rows: NDArray[np.int64], begin: NDArray[np.int64], end: NDArray[np.int64]
-    ) -> _SeenPoints:
-        """Return the points of some observations after columns `begin` up to `end`, both (a,)."""
-        columns = begin[:, None] + 1 + np.arange((end - begin).max())
-        there = columns <= end[:, None]
-        at = rows[:, None], np.where(there, columns, 0)
-        observed = self.observed.swapaxes(1, 2)[at].swapaxes(1, 2)
-        whitening = self.whitening.swapaxes(1, 2)[at].swapaxes(1, 2)
-        return _SeenPoints(
-            np.where(there, self.times[at], np.nan),
-            observed,
-            whitening * there[:, None, :, None, None],
-            self.begin[rows],
-        )
-
-    @property
-    def precisions(self) -> NDArray[np.float64]:
-        """Mean 1/σ² (a, O, C) of the axes of each point, 0 where there is none."""
-        return (self.whitening**2).sum(axis=(3, 4)) / 3.0
-
-    def losses(self, offsets: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Losses (a, K, O, C) of offsets (a, K, O, C, 3) m from the points."""
-        whitened = (self.whitening[:, None] @ offsets[..., None])[..., 0]
-        lengths = np.linalg.norm(whitened, axis=-1)
-        lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
-        there = self.precisions[:, None] > 0.0
-        return np.where(there, robust_loss(lengths), 0.0)
-
-
 class _Motions:
     """K motions of each of A observations of a group, under the estimate of θ_s.
 
@@ -224,7 +118,7 @@ class _Motions:
         generator: np.random.Generator,
     ) -> None:
         self._simulator, self._generator = simulator, generator
-        self._points = _SeenPoints.of(fit, group, rows)
+        self._points = SeenPoints.of(fit, group, rows)
         self._worlds = group.worlds.taken(rows).crossed([fit.model.space.to_parameters(fit.unit)])
         observations = [fit.model.cost.observations[member] for member in group.members[rows]]
         self._radii = np.array(
@@ -245,7 +139,7 @@ class _Motions:
         self._draw_again(every, seen.losses(offsets).sum(axis=(2, 3)), ends)
         going = every[begun < points.last]
         while going.size and seconds_left() > 0.0:
-            ends_at = points.ends(begun)
+            ends_at = points.ends(begun, SEGMENT)
             resting = self._segment(going, begun[going], ends_at[going])
             begun = np.where(np.isin(every, going), ends_at, begun)
             going = going[~resting & (begun[going] < points.last[going])]
@@ -259,7 +153,7 @@ class _Motions:
         offsets, ends = self._simulated(rows, begin, end)
         start = self._points.times[rows, begin]
         span = self._points.times[rows, end] - start
-        jump = _jump(offsets, seen.times - start[:, None], seen.precisions, self._scales[rows])
+        jump = asked_jump(offsets, seen.times - start[:, None], seen.precisions, self._scales[rows])
         losses = jump.losses + seen.losses(jump.offsets).sum(axis=(2, 3))
         ends[..., :3] -= jump.displacements + jump.velocities * span[:, None, None, None]
         ends[..., 7:10] -= jump.velocities
@@ -290,7 +184,7 @@ class _Motions:
         seen = self._points.segment(rows, begin, end)
         states = self._states[rows]
         shape = states.shape[:3]
-        start = np.where(begin < 0, 0.0, self._points.times[rows, begin])
+        start = self._points.starts(rows, begin)
         counts = end - begin
         asked = np.full((rows.size, counts.max() + 1), np.nan)
         asked[:, :-1] = seen.times - start[:, None]
@@ -300,7 +194,7 @@ class _Motions:
             np.repeat(rows, shape[1]), states=states.reshape(-1, *states.shape[2:])
         )
         rollout = self._simulator.rollout_batch(worlds, np.repeat(asked, shape[1], axis=0))
-        ends = _states_at(rollout, np.repeat(counts - 1, shape[1]))
+        ends = states_at(rollout, np.repeat(counts - 1, shape[1]))
         failed = rollout.status != WorldStatus.OK
         ends[failed] = np.nan
         positions = np.where(failed[:, None, None, None], np.nan, rollout.positions[:, :, :-1])
@@ -313,80 +207,15 @@ class _Motions:
 
         Returns the mean speed (a,) of the motions in m/s; infinite where all have failed.
         """
-        count = losses.shape[1]
-        failed = ~np.isfinite(ends).all(axis=(2, 3))
-        weights = np.exp(-(losses - losses.min(axis=1, keepdims=True)) / TEMPER)
-        weights = np.where(failed, 0.0, weights) + np.finfo(float).tiny
-        levels = weights.cumsum(axis=1) / weights.sum(axis=1, keepdims=True)
-        asked = (np.arange(count) + self._generator.random((rows.size, 1))) / count
-        drawn = (levels[:, None, :] < asked[:, :, None]).sum(axis=2).clip(max=count - 1)
+        failed = np.asarray(~np.isfinite(ends).all(axis=(2, 3)))
+        drawn = drawn_again(losses, failed, self._generator)
         states = np.take_along_axis(ends, drawn[..., None, None], axis=1)
         states = np.where(
             np.isfinite(states).all(axis=(2, 3), keepdims=True), states, self._states[rows]
         )
-        speeds = np.linalg.norm(states[..., 7:10], axis=-1)
-        speeds += self._radii[rows, None] * np.linalg.norm(states[..., 10:13], axis=-1)
-        scales = np.clip(speeds / CHAOTIC_SPEED, SMALLEST_SCALE, 1.0)
+        speeds = surface_speeds(states, self._radii[rows, None])
+        scales = chaos_scales(speeds)
         self._scales[rows] = scales
-        position, turn, velocity, spin = (
-            scales[..., None] * self._generator.normal(0.0, spread, (*scales.shape, 3))
-            for spread in SPREADS
-        )
-        states[..., :3] += position
-        states[..., 3:7] = rotate_quaternions(states[..., 3:7], turn)
-        states[..., 7:10] += velocity
-        states[..., 10:13] += spin
-        self._states[rows] = states
+        spread = self._generator.normal(size=(*scales.shape, 12)) * CHANGE_SPREADS
+        self._states[rows] = moved(states, scales[..., None] * spread)
         return np.asarray(speeds.max(axis=2).mean(axis=1))
-
-
-@dataclass(frozen=True, eq=False)
-class _Jump:
-    """Jumps that points ask for at the start of a segment, of a · K motions of O objects."""
-
-    displacements: NDArray[np.float64]  # (a, K, O, 3) m
-    velocities: NDArray[np.float64]  # (a, K, O, 3) m/s
-    losses: NDArray[np.float64]  # (a, K) by their priors
-    offsets: NDArray[np.float64]  # (a, K, O, C, 3) m, left between motions and points
-
-
-def _jump(
-    offsets: NDArray[np.float64],
-    times: NDArray[np.float64],
-    precisions: NDArray[np.float64],
-    scales: NDArray[np.float64],
-) -> _Jump:
-    """Fit jumps to offsets (a, K, O, C, 3) m, robustly, as if the motion did not depend on them.
-
-    `times` (a, C) s since the start of the segment, NaN beyond its last; `precisions` (a, O, C)
-    1/m²; `scales` (a, K, O) of the priors.
-    """
-    known = precisions[:, None] > 0.0
-    finite = np.where(np.isfinite(offsets) & known[..., None], offsets, 0.0)
-    since = np.nan_to_num(times)[:, None, None]
-    prior = (JUMP_DISPLACEMENT * scales) ** -2, (JUMP_VELOCITY * scales) ** -2
-    weights = np.broadcast_to(precisions[:, None], finite.shape[:-1])
-    for _ in range(REWEIGHTINGS):
-        zeroth, second = weights.sum(axis=3) + prior[0], (weights * since**2).sum(axis=3) + prior[1]
-        first = (weights * since).sum(axis=3)
-        sums = np.einsum("akoc,akoci->akoi", weights, finite)
-        moments = np.einsum("akoc,akoci->akoi", weights * since, finite)
-        determinant = (zeroth * second - first**2)[..., None]
-        displacements = (second[..., None] * sums - first[..., None] * moments) / determinant
-        velocities = (zeroth[..., None] * moments - first[..., None] * sums) / determinant
-        moved = displacements[..., None, :] + velocities[..., None, :] * since[..., None]
-        lengths = np.linalg.norm(finite - moved, axis=-1) * np.sqrt(precisions[:, None])
-        weights = precisions[:, None] * huber_weights(lengths)
-    squares = prior[0] * (displacements**2).sum(axis=3) + prior[1] * (velocities**2).sum(axis=3)
-    return _Jump(displacements, velocities, 0.5 * squares.sum(axis=2), offsets - moved)
-
-
-def _states_at(rollout: Rollout, columns: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return states (N, O, 13) at columns (N,), velocities as differences to the columns after."""
-    every = np.arange(columns.size)
-    positions, turns = rollout.positions, np.asarray(rollout.orientations)
-    here, there = positions[every, :, columns], positions[every, :, columns + 1]
-    before, after = turns[every, :, columns], turns[every, :, columns + 1]
-    turned = quaternion_product(after, before * [-1.0, -1.0, -1.0, 1.0])
-    spins = 2.0 * np.sign(turned[..., 3:]) * turned[..., :3] / VELOCITY_STEP
-    return np.concatenate([here, before, (there - here) / VELOCITY_STEP, spins], axis=-1)

@@ -78,12 +78,13 @@ def packed_in_groups(
         longest = max(len(track.trajectory) for track in observation.objects)
         groups.setdefault((len(observation.objects), longest.bit_length()), []).append(i)
     neutral = StaticParameters.uniform(materials)
-    return [_packed(observations, groups[key], neutral) for key in sorted(groups)]
+    return [packed(observations, groups[key], neutral) for key in sorted(groups)]
 
 
-def _packed(
+def packed(
     observations: Sequence[Observation], members: list[int], neutral: StaticParameters
 ) -> PackedObservations:
+    """Pack some observations, `members` by their indices, of equally many objects in one group."""
     some = [observations[i] for i in members]
     relative = [
         [times_after_start(observation, track) for track in observation.objects]

@@ -9,7 +9,7 @@ points are in bundle adjustment) and what is left is a small problem in θ_s.
 and points (`observation_blocks`) over their slopes (`linearisation`), the elimination
 (`normal_equations`), how far trajectories are fitted (`fit_horizons`) and all of these at one
 estimate (`trajectory_model`) to what leaves local optima (`scans`), a step (`joint_fit`), and which
-fits are made (`order_of_fits`).
+fits are made (`staged_fit`).
 """
 
 from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings

@@ -490,7 +490,7 @@ class JointFit(Resumable):
         self, options: NDArray[np.int64], tried: Sequence[_Tried], goals: list[NDArray[np.float64]]
     ) -> bool:
         """Take the best initial states among options; return whether any horizon got farther."""
-        advanced, misfits = False, 0
+        advanced, misfits, counted = False, 0, self.model.task.counted
         for (block, part), (trying, residuals, losses), goal in zip(
             self.model.parts(self.estimate), tried, goals, strict=True
         ):
@@ -502,8 +502,8 @@ class JointFit(Resumable):
                 part.note_misfits(block, left)
             else:
                 advanced |= part.advance(block, left, goal)
-            misfits += int(part.misfits.sum())
-        self.misfits = misfits / len(self.model.cost.observations)
+            misfits += int((part.misfits & counted[block.members]).sum())
+        self.misfits = misfits / max(int(counted.sum()), 1)
         return advanced
 
     def _leave_local_optima(self, linear: Sequence[Linearisation]) -> bool:

@@ -1,10 +1,10 @@
 """Which parameters the observations determine, and whether stated uncertainties are true.
 
 To what slopes at an estimate say is added by what fits from other starts differ that explain the
-observations as well (`order_of_fits`). But all fits to the same observations have errors in common,
-so half of the observations is fitted as well, from where the best fit began (`agreed_deviations`).
-What lies beyond a kink is found by the profile of the loss (`profiles`); within an interval that is
-one-sided the half cannot disagree, nor need it be bound by slopes.
+observations as well (`several_starts`). But all fits to the same observations have errors in
+common, so half of the observations is fitted as well, from where the best fit began
+(`agreed_deviations`). What lies beyond a kink is found by the profile of the loss (`profiles`);
+within an interval that is one-sided the half cannot disagree, nor need it be bound by slopes.
 
 A search that lowers J takes initial states as they were seen, and ends elsewhere than a fit, the
 farther the worse these are and the more of the motion the simulation lacks. So after one a fit
@@ -27,7 +27,6 @@ from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRE
 from intuitive_physics.parameter_space import parameter_vector
 from intuitive_physics_learner.cost.wrapped_costs import CachedCost
 from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
-from intuitive_physics_learner.joint_estimation.order_of_fits import StagedFit
 from intuitive_physics_learner.joint_estimation.profiles import (
     curvature_posterior,
     curvature_simulations,
@@ -37,6 +36,7 @@ from intuitive_physics_learner.joint_estimation.profiles import (
     move_simulations,
     one_sided_moves,
 )
+from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.joint_estimation.widened_uncertainty import (
     agreed_deviations,
     information_about,
@@ -203,12 +203,16 @@ def _agreed(
     task: LearningTask,
     out_of_time: Callable[[], bool],
 ) -> NDArray[np.float64]:
-    """Fit half of the observations, and return the deviations (n,) with which it agrees."""
-    if len(task.influence) < FEWEST_OBSERVATIONS:
+    """Fit half of the observations, and return the deviations (n,) with which it agrees.
+
+    Of those that are known beforehand the half knows as much.
+    """
+    counted = np.flatnonzero(staged.task.counted)
+    if counted.size < FEWEST_OBSERVATIONS:
         return deviations
-    members = balanced_half(task.fit_task.influence)
-    half = StagedFit(task.fit_task.of(members), staged.jointly.starts[:1])
-    while half.steps < staged.steps and not half.settled:
+    members = counted[balanced_half(staged.task.influence[counted])]
+    half = StagedFit(staged.task.of(members), staged.jointly.starts[:1])
+    while half.steps < staged.steps - staged.segment_steps and not half.settled:
         if half.steps and out_of_time():
             break
         half.step()

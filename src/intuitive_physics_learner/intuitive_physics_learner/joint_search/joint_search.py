@@ -12,16 +12,13 @@ import numpy as np
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.order_of_fits import (
-    LEFT,
-    STARTS,
-    StagedFit,
-    drawn_starts,
-)
 from intuitive_physics_learner.joint_estimation.profiles import (
     curvature_simulations,
     move_simulations,
 )
+from intuitive_physics_learner.joint_estimation.segmented_fit import SegmentedFit
+from intuitive_physics_learner.joint_estimation.several_starts import LEFT, STARTS, drawn_starts
+from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.joint_search.cost_descent import CostDescent
 from intuitive_physics_learner.joint_search.identifiability import (
     Identifiability,
@@ -45,6 +42,12 @@ take 300 until the worse are dropped, and find in 1000 what one does in 300; set
 HALF_SHARE = 0.75
 """Time of the fit to half of the observations in that of the fit to all from one start: few at a
 time take longer each."""
+
+SEGMENT_SIMULATIONS = 1200
+"""Simulations of whole throws that take as long as a fit in segments of one of them."""
+
+SEGMENT_SHARE = 0.5
+"""Share of the time left that the fit of one object in segments may take; set by hand."""
 
 SEARCH_SHARE = 0.5
 """Share of a time limit in which fits from several starts should end. The rest is left for choosing
@@ -76,8 +79,11 @@ class JointSearch(Search):
         self._cost = task.cost
         self._space = fit_task.space
         drawn = drawn_starts(fit_task.prior, STARTS - 1, generator)
-        self._staged = StagedFit(fit_task, np.array([fit_task.prior.mean, *drawn]))
-        self._time_limit = np.inf
+        starts = np.array([fit_task.prior.mean, *drawn])
+        self._begin = fit_task.prior.mean
+        self._staged = StagedFit(fit_task, starts, self._in_segments)
+        self._simulator, self._generator = task.simulator, generator
+        self._time_limit, self._began = np.inf, time.monotonic()
         self._evaluations = 0
         self._descent = CostDescent(replace(fit_task, cost=task.cost))
         self._misfits: list[float] = []
@@ -107,6 +113,7 @@ class JointSearch(Search):
         most = criteria.max_iterations
         if most is not None and most < FEWEST_FOR_STARTS:
             self._staged.jointly.keep(1)
+        self._began = time.monotonic()
         if criteria.time_limit is not None:
             self._time_limit = criteria.time_limit
 
@@ -122,7 +129,7 @@ class JointSearch(Search):
             self._misfits = [*self._misfits, self.fit.misfits][-MISFIT_STEPS:]
             enough = len(self._misfits) == MISFIT_STEPS or self._staged.settled
             if enough and np.mean(self._misfits) > LARGEST_MISFIT_SHARE:
-                self._descent.take_best(np.array([self.fit.prior.mean, self._lowest]))
+                self._descent.take_best(np.array([self._begin, self._lowest]))
         return self.iterations - before
 
     def _step_fits(self) -> None:
@@ -135,11 +142,11 @@ class JointSearch(Search):
                 jointly.keep(1)
 
     def conclude(self) -> None:
-        """Choose among the fits from several starts by their evidence."""
+        """Choose among the fits from several starts, or take over those in segments."""
         if not self.fits_trajectories:
             return
         before = self.fit.unit
-        self._staged.jointly.choose()
+        self._staged.conclude()
         if (self.fit.unit != before).any():
             self._evaluate()
 
@@ -180,6 +187,17 @@ class JointSearch(Search):
         self._staged.load_state(state["fit"])
         if state["descent"] is not None:
             self._descent.load_state(state["descent"])
+
+    def _in_segments(self, fit: JointFit) -> SegmentedFit | None:
+        """Return a fit in segments of throws of one object, where there is time for it."""
+        if self._simulator is None:
+            return None
+        spent = time.monotonic() - self._began
+        asked = SEGMENT_SIMULATIONS * len(fit.model.cost.observations)
+        seconds = asked * spent / max(self._staged.simulations, 1.0)
+        if seconds > SEGMENT_SHARE * (self._time_limit - spent):
+            return None
+        return SegmentedFit(fit, self._simulator, self._generator.spawn(1)[0])
 
     def _evaluate(self) -> None:
         (cost,) = self._cost.costs([self.best_parameters]).tolist()

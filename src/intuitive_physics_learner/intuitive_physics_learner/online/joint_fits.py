@@ -13,13 +13,13 @@ from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.point_noise import detected
 from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
-from intuitive_physics_learner.joint_estimation.order_of_fits import (
+from intuitive_physics_learner.joint_estimation.profiles import curvature_posterior, one_sided_moves
+from intuitive_physics_learner.joint_estimation.several_starts import (
     DROP_STEPS,
     STARTS,
-    StagedFit,
     drawn_starts,
 )
-from intuitive_physics_learner.joint_estimation.profiles import curvature_posterior, one_sided_moves
+from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.online.change_point import change_probability
 from intuitive_physics_learner.online.lone_fit import LARGEST_ADVANCE
 from intuitive_physics_learner.online.memory import age_weight

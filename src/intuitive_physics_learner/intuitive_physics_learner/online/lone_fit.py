@@ -10,7 +10,7 @@ from intuitive_physics_learner.joint_estimation.joint_fit import (
     JointFit,
     ObservationFit,
 )
-from intuitive_physics_learner.joint_estimation.order_of_fits import log_evidences
+from intuitive_physics_learner.joint_estimation.several_starts import log_evidences
 from intuitive_physics_learner.online.online_state import Member, OnlineState, Signs
 from intuitive_physics_learner.search.gaussian import Gaussian
 

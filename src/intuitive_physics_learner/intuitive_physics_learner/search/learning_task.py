@@ -9,10 +9,14 @@ from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_space import ParameterSpace
+from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.cost.wrapped_costs import PartialCost
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.search_space import ActiveSpace
+
+NEGLIGIBLE_WEIGHT = 1e-9
+"""Factor on the weight of an observation that is known beforehand, and so must not count again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +44,11 @@ class FitTask:
         if self.given_weights is None:
             return np.ones(len(self.influence))
         return self.given_weights
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Which observations count, and are not known beforehand, (n_observations,)."""
+        return self.weights > NEGLIGIBLE_WEIGHT
 
     def of(self, members: NDArray[np.int64]) -> FitTask:
         """Return the task of some observations, `members` (k,) by their indices."""
@@ -77,6 +86,7 @@ class LearningTask:
     knowledge : of the active parameters, before these observations; None: only their bounds
     detected_cost : over the same observations as they were detected, before any smoothing, for fits
         of points with their noise; None: they are those of `cost`
+    simulator : of fits in segments; None: nothing is fitted in segments
     start_was_learned : whether the start was learned before, so that it must not be replaced by
         what is worse
     """
@@ -87,6 +97,7 @@ class LearningTask:
     start: StaticParameters
     knowledge: Gaussian | None = None
     detected_cost: Cost | None = None
+    simulator: Simulator | None = None
     start_was_learned: bool = False
 
     @property

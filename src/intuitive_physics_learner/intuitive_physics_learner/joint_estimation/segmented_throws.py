@@ -1,0 +1,283 @@
+"""Throws of an object cut into segments of time, each of which begins in a state of its own.
+
+Where motion is chaotic, no initial state explains it as a whole: what slopes say of a state ends at
+the next contacts. A segment is short enough for slopes. Its state is bound to where the segment
+before it ends by a Gaussian of some spread: a weak constraint, as in the assimilation of weather
+(Trémolet 2006, *Accounting for an imperfect model in 4D-Var*). As the spread goes to zero, the
+segments become one motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics.simulation import Simulator, WorldBatch, WorldStatus
+from intuitive_physics_learner.cost.packed_observations import packed
+from intuitive_physics_learner.joint_estimation.chaotic_states import (
+    CHANGE_SPREADS,
+    VELOCITY_STEP,
+    change,
+    chaos_scales,
+    states_at,
+    surface_speeds,
+)
+from intuitive_physics_learner.joint_estimation.fit_horizons import FAILED_LENGTH
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.normal_equations import robust_loss
+from intuitive_physics_learner.joint_estimation.seen_points import SeenPoints
+
+SEGMENT = 1.0 / 3.0
+"""Duration of a segment, s: ten points at 30 Hz."""
+
+FAILED_LOSS = 1e8
+"""Loss of what a simulation that failed would be compared with."""
+
+EXACT_PRECISION = 1e10
+"""Of a component of a first state that is known exactly, in SI units: it moves by rounding."""
+
+LARGEST_SEGMENT_LOSS = 3.0
+"""Loss per point of a segment that is explained, at most: ten points of noise, 1.5 on the average,
+exceed it with a probability of 1e-4."""
+
+FEWEST_POINTS = 3
+"""Points over which the loss of a segment is averaged at least."""
+
+LARGEST_LINK_LOSS = 12.0
+"""Loss of a link between segments that is explained, at most: half of a χ² of twelve degrees of
+freedom exceeds it with a probability of 0.02."""
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentPoints:
+    """Points of A throws in up to K segments of up to N points.
+
+    Parameters
+    ----------
+    times : (A, K, N) s after the start of the segment, NaN beyond the last
+    observed : (A, K, N, 3) m, without shared errors
+    whitening : (A, K, N, 3, 3) 1/m, 0 where there is no point
+    counts : (A,) segments of each throw
+    ends : (A, K) column of the last point of each segment among all times of its throw
+    """
+
+    times: NDArray[np.float64]
+    observed: NDArray[np.float64]
+    whitening: NDArray[np.float64]
+    counts: NDArray[np.int64]
+    ends: NDArray[np.int64]
+
+    @staticmethod
+    def of(seen: SeenPoints) -> SegmentPoints:
+        """Cut throws of one object each into segments."""
+        rows = np.arange(len(seen.times))
+        bounds = [np.full(rows.size, -1)]
+        while (bounds[-1] < seen.last).any():
+            bounds.append(seen.ends(bounds[-1], SEGMENT))
+        begin, end = np.array(bounds[:-1]).T, np.array(bounds[1:]).T
+        offsets = 1 + np.arange((end - begin).max())
+        there = begin[..., None] + offsets <= end[..., None]
+        columns = np.where(there, begin[..., None] + offsets, 0)
+        at = rows[:, None, None], columns
+        starts = np.array([seen.starts(rows, each) for each in begin.T]).T
+        return SegmentPoints(
+            np.where(there, seen.times[at] - starts[..., None], np.nan),
+            seen.observed[:, 0][at],
+            seen.whitening[:, 0][at] * there[..., None, None],
+            (end > begin).sum(axis=1),
+            end,
+        )
+
+    def losses(
+        self, throws: NDArray[np.int64], segments: NDArray[np.int64], offsets: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Losses (n, ...) of offsets (n, ..., N, 3) m from the points of n segments."""
+        extra = (slice(None), *(None,) * (offsets.ndim - 3))
+        whitening = self.whitening[throws, segments][extra]
+        lengths = np.linalg.norm((whitening @ offsets[..., None])[..., 0], axis=-1)
+        lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
+        there = whitening.any(axis=(-2, -1))
+        return np.asarray(np.where(there, robust_loss(lengths), 0.0).sum(axis=-1))
+
+    @property
+    def largest_losses(self) -> NDArray[np.float64]:
+        """Largest loss (A, K) of each segment that is explained."""
+        there = self.whitening.any(axis=(-2, -1)).sum(axis=-1)
+        return LARGEST_SEGMENT_LOSS * np.maximum(there, FEWEST_POINTS)
+
+
+@dataclass(eq=False)
+class PathLosses:
+    """What the states of a path leave unexplained.
+
+    Parameters
+    ----------
+    points : (A, K) loss of each segment's points
+    links : (A, K) loss of the link from the end of each segment to the next; 0 without a next
+    first : (A,) loss of the first state by what is known of it
+    ends : (A, K, 13) states at the ends of the segments
+    """
+
+    points: NDArray[np.float64]
+    links: NDArray[np.float64]
+    first: NDArray[np.float64]
+    ends: NDArray[np.float64]
+
+    def totals(self, explained: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Loss (A,) of the first segments of each throw, `explained` (A,), and between them."""
+        segment = np.arange(self.points.shape[1])
+        points = np.where(segment < explained[:, None], self.points, 0.0).sum(axis=1)
+        links = np.where(segment + 1 < explained[:, None], self.links, 0.0).sum(axis=1)
+        return points + links + self.first
+
+    def take(self, others: PathLosses, rows: NDArray[np.bool_]) -> None:
+        """Take those of some throws, `rows` (A,), from other paths."""
+        for name in ("points", "links", "first", "ends"):
+            getattr(self, name)[rows] = getattr(others, name)[rows]
+
+
+class SegmentedThrows:
+    """A throws of the object of a fit, and the simulation of their segments.
+
+    Attributes
+    ----------
+    points : of the segments
+    seen : the same points, not cut
+    radii : (A,) m, of the bounding spheres
+    first_states : (A, 13) as they were observed
+    first_precisions : (A, 12) of the components of the first states, in SI units
+    simulations : of whole throws, so far
+    """
+
+    def __init__(self, fit: JointFit, simulator: Simulator) -> None:
+        cost = fit.model.cost
+        observations = cost.observations
+        members = list(range(len(observations)))
+        neutral = StaticParameters.uniform(cost.materials)
+        group = packed(observations, members, neutral)
+        self.seen = SeenPoints.of(fit, group, np.array(members))
+        self.points = SegmentPoints.of(self.seen)
+        self._simulator, self._space = simulator, fit.model.space
+        self._worlds = group.worlds
+        objects = [each.objects[0] for each in observations]
+        self.radii = np.array([each.object.shape.bounding_radius for each in objects])
+        self.first_states = np.array([each.initial_state.to_vector() for each in objects])
+        self.first_precisions = np.full((len(observations), 12), EXACT_PRECISION)
+        for block in fit.model.blocks:
+            components = block.initial_states.components
+            precisions = block.prior_deviations[:, : components.shape[1]] ** -2.0
+            self.first_precisions[block.members[:, None], components] = precisions
+        self.simulations = 0.0
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of throws A and of segments K."""
+        throws, segments = self.points.ends.shape
+        return throws, segments
+
+    def worlds(self, units: list[NDArray[np.float64]]) -> WorldBatch:
+        """Return the worlds of all throws with tables of θ_s, `units` (n,) on the unit cube."""
+        tables = self._worlds.taken(np.arange(0)).crossed(
+            [self._space.to_parameters(unit) for unit in units]
+        )
+        index = np.zeros(self._worlds.size, dtype=np.int64)
+        changes = {"density": tables.density, "coefficients": tables.coefficients}
+        return self._worlds.taken(np.arange(index.size), parameter_index=index, **changes)
+
+    def simulated(
+        self,
+        worlds: WorldBatch,
+        throws: NDArray[np.int64],
+        segments: NDArray[np.int64],
+        states: NDArray[np.float64],
+        index: NDArray[np.int64] | None = None,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Simulate n segments, each from m states.
+
+        `throws` and `segments` (n,) by their indices; `states` (n, m, 13); `index` (m,) of the θ_s
+        of each among those of the worlds; None: the first. Returns offsets (n, m, N, 3) m from the
+        points, and states (n, m, 13) at the ends; NaN where a simulation failed.
+        """
+        n, m = states.shape[:2]
+        relative = self.points.times[throws, segments]
+        counts = np.isfinite(relative).sum(axis=1)
+        every = np.arange(n)
+        asked = np.full((n, relative.shape[1] + 1), np.nan)
+        asked[:, :-1] = relative
+        asked[every, counts] = relative[every, counts - 1] + VELOCITY_STEP
+        chosen = np.zeros(m, dtype=np.int64) if index is None else index
+        taken = worlds.taken(
+            np.repeat(throws, m),
+            states=states.reshape(n * m, 1, 13),
+            parameter_index=np.tile(chosen, n),
+        )
+        rollout = self._simulator.rollout_batch(taken, np.repeat(asked, m, axis=0))
+        ends = states_at(rollout, np.repeat(counts - 1, m))[:, 0]
+        positions = rollout.positions[:, 0, :-1]
+        failed = rollout.status != WorldStatus.OK
+        ends[failed], positions[failed] = np.nan, np.nan
+        durations = relative[every, counts - 1] / np.nanmax(self.seen.times[throws], axis=1)
+        self.simulations += m * float(durations.sum())
+        offsets = positions.reshape(n, m, -1, 3) - self.points.observed[throws, segments][:, None]
+        return offsets, ends.reshape(n, m, 13)
+
+    def scales(self, throws: NDArray[np.int64], states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the part (n, ...) of the spreads that states (n, ..., 13) of throws (n,) have."""
+        radii = self.radii[throws].reshape(-1, *(1,) * (states.ndim - 2))
+        return chaos_scales(surface_speeds(states, radii))
+
+    def link_losses(
+        self, ends: NDArray[np.float64], states: NDArray[np.float64], spreads: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Losses (...,) of states after the ends (..., 13) of others; `spreads` (..., 12)."""
+        lengths = change(ends, states) / spreads
+        return 0.5 * np.nan_to_num(lengths**2, nan=FAILED_LOSS).sum(axis=-1)
+
+    def first_losses(
+        self, throws: NDArray[np.int64], states: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Losses (n, m) of first states (n, m, 13) of throws (n,), by what is known of them."""
+        apart = change(states, self.first_states[throws][:, None])
+        return 0.5 * (self.first_precisions[throws][:, None] * apart**2).sum(axis=-1)
+
+    def spreads(self, states: NDArray[np.float64], level: float) -> NDArray[np.float64]:
+        """Spreads (A, K, 12) of the links of paths (A, K, 13), each by the state that follows."""
+        scales = np.ones(states.shape[:2])
+        scales[:, :-1] = self.scales(np.arange(len(states)), states[:, 1:])
+        return level * scales[..., None] * CHANGE_SPREADS
+
+    def losses(
+        self,
+        worlds: WorldBatch,
+        states: NDArray[np.float64],
+        lengths: NDArray[np.int64],
+        spreads: NDArray[np.float64],
+    ) -> PathLosses:
+        """Simulate paths (A, K, 13) of the first segments, `lengths` (A,), of each throw.
+
+        `spreads` (A, K, 12) of the links.
+        """
+        inside = np.arange(self.shape[1]) < lengths[:, None]
+        throws, segments = np.nonzero(inside)
+        points, links = np.zeros(self.shape), np.zeros(self.shape)
+        ends = np.full(states.shape, np.nan)
+        if throws.size:
+            offsets, reached = self.simulated(worlds, throws, segments, states[inside][:, None])
+            points[inside] = self.points.losses(throws, segments, offsets)[:, 0]
+            ends[inside] = reached[:, 0]
+        linked = inside[:, 1:]
+        links[:, :-1][linked] = self.link_losses(
+            ends[:, :-1][linked], states[:, 1:][linked], spreads[:, :-1][linked]
+        )
+        every = np.arange(len(states))
+        return PathLosses(points, links, self.first_losses(every, states[:, :1])[:, 0], ends)
+
+    def explained(self, losses: PathLosses, lengths: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Number (A,) of segments of each throw before the first one that is not explained."""
+        good = np.arange(self.shape[1]) < lengths[:, None]
+        good &= losses.points <= self.points.largest_losses
+        good[:, 1:] &= losses.links[:, :-1] <= LARGEST_LINK_LOSS
+        return np.asarray(np.logical_and.accumulate(good, axis=1).sum(axis=1))

@@ -1,0 +1,237 @@
+"""Throws cut into segments: their equations, how they go on, and the θ_s that they lead to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from intuitive_physics.materials import StaticParameters
+from intuitive_physics_learner import ConvergenceCriteria, TrajectoryCost
+from intuitive_physics_learner.joint_estimation import staged_fit
+from intuitive_physics_learner.joint_estimation.continuations import MOTIONS, Continuations
+from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
+from intuitive_physics_learner.joint_estimation.segment_equations import (
+    SegmentEquations,
+    segment_equations,
+)
+from intuitive_physics_learner.joint_estimation.segmented_fit import SegmentedFit
+from intuitive_physics_learner.joint_estimation.segmented_throws import SegmentedThrows
+from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit, tumbles
+from intuitive_physics_learner.joint_search.joint_search import JointSearch
+
+from .cases import MATERIALS, box_throws, task_of
+
+TRUE = StaticParameters.uniform(MATERIALS).with_pair(
+    "ball", "floor", dynamic_friction=0.3, static_friction=0.4, restitution=0.55
+)
+NOISE = 0.005
+DYNAMIC_FRICTION, RESTITUTION = 1, 3  # among the four parameters of a box and a floor
+
+
+@pytest.fixture(scope="module")
+def seen(event_driven):
+    """Twelve throws of a box, and their true states."""
+    return box_throws(event_driven, TRUE, 12, NOISE, np.random.default_rng(4))
+
+
+@pytest.fixture(scope="module")
+def task(event_driven, seen):
+    return task_of(TrajectoryCost(seen[0], event_driven))
+
+
+@pytest.fixture(scope="module")
+def true_unit(task):
+    return task.searched.to_unit(TRUE)
+
+
+@pytest.fixture(scope="module")
+def single(task):
+    """The fit of single initial states that a fit in segments begins at."""
+    fit = JointFit(task.fit_task, JointEstimationSettings())
+    for _ in range(20):
+        fit.step()
+    return fit
+
+
+def true_path(throws, states):
+    """The states (A, K, 13) of the true motions where segments begin."""
+    begins = np.concatenate([np.zeros((len(states), 1), int), throws.points.ends[:, :-1]], axis=1)
+    return np.take_along_axis(states, begins[..., None], axis=1)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.floats(0.0, 1.0))
+def test_segments_are_eliminated_as_one_matrix(seed, count, damping):
+    """H x = g for the whole block tridiagonal H, its diagonal times 1 + λ."""
+    generator = np.random.default_rng(seed)
+    d, n = 12, 3
+    factors = generator.normal(size=(count * d, 2 * count * d))
+    whole = factors @ factors.T / (2 * d) + np.eye(count * d)
+    blocks = whole.reshape(count, d, count, d).swapaxes(1, 2)
+    across, gradient = generator.normal(size=(count, d, n)), generator.normal(size=(count, d))
+    next_blocks = np.zeros((count, d, d))
+    for k in range(count - 1):
+        next_blocks[k] = blocks[k, k + 1]
+    own = np.array([blocks[k, k] for k in range(count)]) + count * np.eye(d)
+    matrix = np.zeros((count, d, count, d))
+    for k in range(count):
+        matrix[k, :, k] = own[k]
+        if k + 1 < count:
+            matrix[k, :, k + 1], matrix[k + 1, :, k] = next_blocks[k], next_blocks[k].T
+    matrix = matrix.reshape(count * d, count * d)
+    matrix += damping * np.diag(np.diag(matrix))
+    equations = SegmentEquations(
+        own[None], next_blocks[None], across[None], gradient[None], np.eye(n)[None], np.ones((1, n))
+    )
+    gains, offsets = equations.solved(damping)
+    np.testing.assert_allclose(
+        gains[0].reshape(-1, n), np.linalg.solve(matrix, across.reshape(-1, n)), atol=1e-8
+    )
+    np.testing.assert_allclose(
+        offsets[0].ravel(), np.linalg.solve(matrix, gradient.ravel()), atol=1e-8
+    )
+
+
+def test_the_true_motion_leaves_noise_alone(single, event_driven, seen, true_unit):
+    """Its links err by the steps of the engine, which begin anew with each segment; chaos enlarges
+    that. Its points have noise.
+
+    The loss of a point is half of χ² with three degrees of freedom, 1.5 on the average.
+    """
+    throws = SegmentedThrows(single, event_driven)
+    path = true_path(throws, seen[1])
+    counts = throws.points.counts
+    spreads = throws.spreads(path, 1.0)
+    losses = throws.losses(throws.worlds([true_unit]), path, counts, spreads)
+    assert np.median(losses.links) < 0.1
+    assert losses.links.max() < 6.0
+    points = np.isfinite(throws.points.times).sum()
+    assert losses.points.sum() / points == pytest.approx(1.5, abs=5.0 * np.sqrt(1.5 / points))
+    np.testing.assert_array_equal(throws.explained(losses, counts), counts)
+
+
+def test_slopes_of_segments_are_those_of_the_loss(single, event_driven, seen, true_unit):
+    """The gradient of half the squared residuals, by differences of the loss along each unknown.
+
+    Only before the first contact, where residuals have no kinks: central differences of the loss
+    over a step h then err by the third derivative, less than 1 % here.
+    """
+    throws = SegmentedThrows(single, event_driven)
+    path = true_path(throws, seen[1])
+    path[:, 0, 0] += 0.004
+    path[:, 1, 8] -= 0.01
+    explained = np.full(len(path), 2)
+    spreads = throws.spreads(path, 1.0)
+    deviations = np.full((*throws.shape, 12), 1e-3)
+    equations = segment_equations(
+        throws, path, explained, spreads, deviations, true_unit, np.full(true_unit.size, 1e-3)
+    )
+    worlds = throws.worlds([true_unit])
+
+    def totals(states):
+        return throws.losses(worlds, states, explained, spreads).totals(explained)
+
+    for k, component, column in ((0, 0, 0), (0, 8, 9), (1, 1, 1), (1, 7, 8)):
+        step = 1e-4
+        up, down = path.copy(), path.copy()
+        up[:, k, column] += step
+        down[:, k, column] -= step
+        slopes = (totals(up) - totals(down)) / (2.0 * step)
+        smooth = np.abs(slopes) > 1.0
+        index = component if column < 3 else column - 1
+        np.testing.assert_allclose(
+            equations.gradients[smooth, k, index], slopes[smooth], rtol=0.05, atol=5.0
+        )
+
+
+def test_a_motion_that_is_lost_is_found_again(single, event_driven, seen, true_unit):
+    """From the true states before it a motion goes on, although nothing is known of it there."""
+    throws = SegmentedThrows(single, event_driven)
+    path = true_path(throws, seen[1])
+    rows = np.arange(len(path))
+    lengths = np.full(rows.size, 2)
+    worlds = throws.worlds([true_unit])
+    begun = np.repeat(path[:, :1], MOTIONS, axis=1)
+    followed = Continuations(
+        throws, worlds, rows, 0 * rows, begun, 1.0, np.random.default_rng(0)
+    ).follow(path, lengths, throws.points.counts, np.zeros((rows.size, MOTIONS)))
+    assert (followed.counts >= np.minimum(4, throws.points.counts)).mean() > 0.9
+    states = path.copy()
+    for a in rows:
+        states[a, : followed.counts[a]] = followed.states[a, : followed.counts[a]]
+    spreads = throws.spreads(states, 1.0)
+    losses = throws.losses(worlds, states, followed.counts, spreads)
+    assert (throws.explained(losses, followed.counts) >= 3).mean() > 0.7
+
+
+def test_what_tumbles_is_learned_in_segments(single, event_driven, true_unit):
+    """The posterior holds the truth, is narrower than that of the motion up to the horizons, and
+    explains more of it."""
+    assert tumbles(single)
+    fit = SegmentedFit(single, event_driven, np.random.default_rng(0))
+    while not fit.finished:
+        fit.step()
+    said = fit.knowledge().bounded(fit.unit)
+    scores = (said.mean - true_unit) / said.deviations
+    assert np.abs(scores).max() < 4.0
+    for parameter in (DYNAMIC_FRICTION, RESTITUTION):
+        assert said.deviations[parameter] < 0.03
+        assert abs(said.mean[parameter] - true_unit[parameter]) < 0.05
+    explained = fit.explained.sum() * 10 / 30.0
+    assert explained > 1.5 * sum(each.horizon for each in single.observation_fits())
+
+
+def staged(task, simulator):
+    generator = np.random.default_rng(1)
+    return StagedFit(
+        task.fit_task,
+        in_segments=lambda fit: SegmentedFit(fit, simulator, generator.spawn(1)[0]),
+    )
+
+
+@pytest.fixture
+def few_steps(monkeypatch):
+    monkeypatch.setattr(staged_fit, "SEPARATE_STEPS", 8)
+
+
+@pytest.mark.parametrize("stopped_after", [5, 11, 60])
+def test_a_fit_in_segments_continues_exactly(task, event_driven, few_steps, stopped_after):
+    """Before it, in the middle of it, and with what it said."""
+    whole, begun = staged(task, event_driven), staged(task, event_driven)
+    for _ in range(stopped_after):
+        whole.step()
+        begun.step()
+    resumed = staged(task, event_driven)
+    resumed.load_state(begun.state())
+    for _ in range(3):
+        whole.step()
+        resumed.step()
+    assert (whole.segment_steps > 0) == (stopped_after > 8)
+    np.testing.assert_array_equal(whole.joint.unit, resumed.joint.unit)
+    np.testing.assert_array_equal(whole.task.prior.precision, resumed.task.prior.precision)
+    whole.conclude()
+    resumed.conclude()
+    np.testing.assert_array_equal(whole.joint.unit, resumed.joint.unit)
+
+
+def test_what_is_known_by_segments_does_not_count_again(task, event_driven, few_steps):
+    fit = staged(task, event_driven)
+    while fit.task.counted.all():
+        fit.step()
+    assert not fit.task.counted.any()
+    known = fit.task.prior
+    for _ in range(3):
+        fit.step()
+    np.testing.assert_allclose(fit.joint.unit, np.clip(known.mean, 0.0, 1.0), atol=1e-3)
+    assert fit.joint.misfits == 0.0
+
+
+def test_without_time_nothing_is_fitted_in_segments(task, event_driven, few_steps):
+    search = JointSearch(replace(task, simulator=event_driven), np.random.default_rng(0))
+    search.plan(ConvergenceCriteria(time_limit=1e-3))
+    for _ in range(12):
+        search.step(1000)
+    assert search._staged.segment_steps == 0

@@ -198,8 +198,12 @@ class Continuations:
         # The present path may go on.
         likely[:, -1] = 0
         ends = np.take_along_axis(self._reached[s - 1, going], likely[..., None], axis=1)
-        scales = self._throws.scales(throws, states)[:, None, :, None]
-        spreads = self._level * scales * CHANGE_SPREADS
+        begun = np.take_along_axis(self._states[s - 1, going], likely[..., None], axis=1)
+        scales = np.maximum(
+            self._throws.scales(throws, begun)[:, :, None],
+            self._throws.scales(throws, states)[:, None],
+        )
+        spreads = self._level * scales[..., None] * CHANGE_SPREADS
         losses = self._throws.link_losses(ends[:, :, None], states[:, None], spreads)
         losses += np.take_along_axis(least, likely, axis=1)[..., None]
         chosen = losses.argmin(axis=1)

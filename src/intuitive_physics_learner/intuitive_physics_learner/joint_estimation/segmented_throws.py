@@ -244,9 +244,12 @@ class SegmentedThrows:
         return 0.5 * (self.first_precisions[throws][:, None] * apart**2).sum(axis=-1)
 
     def spreads(self, states: NDArray[np.float64], level: float) -> NDArray[np.float64]:
-        """Spreads (A, K, 12) of the links of paths (A, K, 13), each by the state that follows."""
-        scales = np.ones(states.shape[:2])
-        scales[:, :-1] = self.scales(np.arange(len(states)), states[:, 1:])
+        """Spreads (A, K, 12) of the links of paths (A, K, 13).
+
+        Each by the faster one of the two states: what comes to rest was chaotic just before.
+        """
+        scales = self.scales(np.arange(len(states)), states)
+        scales[:, :-1] = np.maximum(scales[:, :-1], scales[:, 1:])
         return level * scales[..., None] * CHANGE_SPREADS
 
     def losses(

@@ -43,7 +43,7 @@ HALF_SHARE = 0.75
 """Time of the fit to half of the observations in that of the fit to all from one start: few at a
 time take longer each."""
 
-SEGMENT_SIMULATIONS = 1200
+SEGMENT_SIMULATIONS = 900
 """Simulations of whole throws that take as long as a fit in segments of one of them."""
 
 SEGMENT_SHARE = 0.5

@@ -109,7 +109,7 @@ class SegmentedFit:
         self._limits = self.throws.points.counts.copy()
         self.explained = self._lengths
         self._covariances = np.zeros((*shape, 12, 12))
-        self._weights = fit.model.task.weights
+        self._given_weights = self._weights = fit.model.task.weights
         self._units: list[NDArray[np.float64]] = []
         self._said: list[LocalLikelihood] = []
 
@@ -216,7 +216,8 @@ class SegmentedFit:
 
     def _step_parameters(self, eliminated: Elimination) -> NDArray[np.float64]:
         """Take a part of a Newton step of θ_s, and let links be more exact; return it (n,)."""
-        self._weights = agreement_weights(self._prior, self.unit, [eliminated], self._weights)
+        agreement = agreement_weights(self._prior, self.unit, [eliminated], self._weights)
+        self._weights = self._given_weights * agreement
         information, scores = reduced_equations(self._prior, self.unit, [eliminated], self._weights)
         self._said = [
             LocalLikelihood(parameters, self.unit, each, score, 0.0)

@@ -273,12 +273,14 @@ class StagedFit(Resumable):
 
 
 def tumbles(fit: JointFit) -> bool:
-    """Whether a fit explains so little of throws of one object that the motion must be chaotic."""
+    """Whether a fit explains so little of throws of single objects that motion must be chaotic."""
     observations = fit.model.cost.observations
-    sphere = isinstance(observations[0].objects[0].object.shape, Sphere)
+    if len(observations) < FEWEST_IN_SEGMENTS:
+        return False
+    if any(isinstance(each.objects[0].object.shape, Sphere) for each in observations):
+        return False
     horizons = np.array([each.horizon for each in fit.observation_fits()])
-    share = float((horizons / durations(fit)).mean())
-    return not sphere and len(observations) >= FEWEST_IN_SEGMENTS and share < LARGEST_TUMBLING_SHARE
+    return float((horizons / durations(fit)).mean()) < LARGEST_TUMBLING_SHARE
 
 
 def _all_alone(observations: Sequence[Observation]) -> bool:

@@ -124,7 +124,7 @@ class SegmentedFit:
         return self.level <= USABLE_LEVEL and self.steps > AVERAGED
 
     def knowledge(self) -> Gaussian:
-        """Return what all throws say of θ_s, about the mean over the last steps.
+        """Return what all throws say of θ_s: with the prior of the fit, the mean of the last steps.
 
         To the variances by slopes are added those of the jackknife, for throws that have taken a
         wrong turn, and the square of what θ_s has moved while links became more exact.
@@ -136,7 +136,9 @@ class SegmentedFit:
         left_out = jackknife_variances(observed, mean, self._said, self._weights)
         deviations = np.sqrt(slopes + left_out + (mean - earlier) ** 2)
         factors = deviations / np.sqrt(slopes)
-        return Gaussian.about(mean, widened_information(observed.precision, factors, deviations))
+        precision = widened_information(observed.precision, factors, deviations)
+        # Where the whole loss is least, the throws pull as the prior does, to the other side.
+        return Gaussian(precision, precision @ mean + self._prior.scores(mean))
 
     def step(self) -> None:
         """Let throws go on, and take a step of θ_s and all states."""

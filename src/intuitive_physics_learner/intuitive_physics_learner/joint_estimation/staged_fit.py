@@ -242,7 +242,7 @@ class StagedFit(Resumable):
                         "members": part.members.tolist(),
                         "parameters": part.parameters.tolist(),
                         "precision": said.precision.tolist(),
-                        "mean": said.mean.tolist(),
+                        "pull": said.pull.tolist(),
                     }
                 )
         self._segments, self._segments_ended = [], True
@@ -257,10 +257,10 @@ class StagedFit(Resumable):
         prior, weights, size = self.task.prior, self.task.weights.copy(), unit.size
         for known in self._known:
             members, parameters = np.array(known["members"]), np.array(known["parameters"])
-            said = Gaussian.about(np.array(known["mean"]), np.array(known["precision"]))
+            said = Gaussian(np.array(known["precision"]), np.array(known["pull"]))
             prior = prior.joined(said.among(parameters, size))
             weights[members] *= NEGLIGIBLE_WEIGHT
-            unit[parameters] = np.clip(said.mean, 0.0, 1.0)
+            unit[parameters] = np.clip(prior.mean[parameters], 0.0, 1.0)
             for member in known["members"]:
                 states[member] = None
         self._simulations_before += self.jointly.simulations

@@ -25,6 +25,9 @@ from intuitive_physics_learner.joint_estimation.segmented_throws import (
 )
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit, tumbles
 from intuitive_physics_learner.joint_search.joint_search import JointSearch
+from intuitive_physics_learner.online.online_learner import OnlineLearner
+from intuitive_physics_learner.online.online_state import OnlineState
+from intuitive_physics_learner.online.options import OnlineOptions
 
 from .cases import MATERIALS, box_throws, task_of
 
@@ -241,3 +244,28 @@ def test_without_time_nothing_is_fitted_in_segments(task, event_driven, few_step
     for _ in range(12):
         search.step(1000)
     assert search._staged.segment_steps == 0
+
+
+def test_boxes_are_learned_online_in_segments(event_driven, seen, true_unit):
+    """At refits; between these nothing of what they say is taken from fits of single states."""
+    learner = OnlineLearner(event_driven, OnlineOptions())
+    for observation in seen[0][:12]:
+        learner.learn_from(observation)
+    state = learner.state
+    assert [member.in_segments for member in state.kept] == 12 * [True]
+    information = sum(member.likelihood.information for member in state.kept)
+    places = state.kept[0].likelihood.parameters
+    np.testing.assert_allclose(state.posterior.precision[np.ix_(places, places)], information)
+    held = OnlineState.from_json(state.to_json())
+    assert all(member.in_segments for member in held.kept)
+    more, _ = box_throws(event_driven, TRUE, 2, NOISE, np.random.default_rng(8))
+    learner.learn_from_all([replace(each, id=f"later {each.id}") for each in more])
+    np.testing.assert_array_equal(state.unit, held.unit)
+    assert [member.weight for member in state.window if not member.in_segments] == [0.0, 0.0]
+    published = state.published
+    assert published is not None
+    pair, true_pair = (each.pair("ball", "floor") for each in (published.parameters, TRUE))
+    for name, coefficient in zip(("dynamic_friction", "restitution"), (1, 3), strict=True):
+        error = abs(pair[name] - true_pair[name])
+        assert error < 4.0 * published.standard_deviations[places[coefficient]]
+        assert error < 0.05

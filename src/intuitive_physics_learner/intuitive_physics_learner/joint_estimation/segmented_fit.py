@@ -78,6 +78,15 @@ USABLE_LEVEL = 1.0
 time ends before the last one; set by hand."""
 
 
+SIMULATIONS = 900
+"""Simulations of whole throws that take as long as a fit in segments of one of them."""
+
+
+def segment_simulations(fit: JointFit) -> float:
+    """Simulations of single observations that take as long as a fit in segments, about."""
+    return float(SIMULATIONS * len(fit.model.cost.observations))
+
+
 class SegmentedFit:
     """Goes on from where a fit of initial states has stopped.
 

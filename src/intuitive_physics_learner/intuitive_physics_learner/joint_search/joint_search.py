@@ -16,7 +16,10 @@ from intuitive_physics_learner.joint_estimation.profiles import (
     curvature_simulations,
     move_simulations,
 )
-from intuitive_physics_learner.joint_estimation.segmented_fit import SegmentedFit
+from intuitive_physics_learner.joint_estimation.segmented_fit import (
+    SegmentedFit,
+    segment_simulations,
+)
 from intuitive_physics_learner.joint_estimation.several_starts import LEFT, STARTS, drawn_starts
 from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.joint_search.cost_descent import CostDescent
@@ -42,9 +45,6 @@ take 300 until the worse are dropped, and find in 1000 what one does in 300; set
 HALF_SHARE = 0.75
 """Time of the fit to half of the observations in that of the fit to all from one start: few at a
 time take longer each."""
-
-SEGMENT_SIMULATIONS = 900
-"""Simulations of whole throws that take as long as a fit in segments of one of them."""
 
 SEGMENT_SHARE = 0.5
 """Share of the time left that the fit of one object in segments may take; set by hand."""
@@ -193,8 +193,7 @@ class JointSearch(Search):
         if self._simulator is None:
             return None
         spent = time.monotonic() - self._began
-        asked = SEGMENT_SIMULATIONS * len(fit.model.cost.observations)
-        seconds = asked * spent / max(self._staged.simulations, 1.0)
+        seconds = segment_simulations(fit) * spent / max(self._staged.simulations, 1.0)
         if seconds > SEGMENT_SHARE * (self._time_limit - spent):
             return None
         return SegmentedFit(fit, self._simulator, self._generator.spawn(1)[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,19 +14,23 @@ from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.point_noise import detected
 from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
 from intuitive_physics_learner.joint_estimation.profiles import curvature_posterior, one_sided_moves
+from intuitive_physics_learner.joint_estimation.segmented_fit import (
+    SegmentedFit,
+    segment_simulations,
+)
 from intuitive_physics_learner.joint_estimation.several_starts import (
     DROP_STEPS,
     STARTS,
     drawn_starts,
 )
-from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
+from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit, tumbles
 from intuitive_physics_learner.online.change_point import change_probability
 from intuitive_physics_learner.online.lone_fit import LARGEST_ADVANCE
-from intuitive_physics_learner.online.memory import age_weight
+from intuitive_physics_learner.online.memory import RECENT, age_weight
 from intuitive_physics_learner.online.online_state import Member, OnlineState, Refitted
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.publication import FEWEST_COMPARED, has_moved_far
-from intuitive_physics_learner.search.gaussian import Gaussian
+from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
 from intuitive_physics_learner.search.learning_task import FitTask
 
 WINDOW_STEPS = 8
@@ -98,6 +102,23 @@ class JointProblem:
             spins = likelihood.spins if with_spins else member.likelihood.spins
             own = parameters[likelihood.parameters]
             member.likelihood = replace(likelihood, parameters=own, spins=spins)
+            member.in_segments = False
+        state.add_up()
+
+    def take_over_segments(self, fit: SegmentedFit) -> None:
+        """Let what a fit in segments says be what is known, each of the members saying a part."""
+        state, parameters, count = self.state, self.parameters, len(self.members)
+        said = fit.knowledge()
+        unit = self.task.prior.joined(said).mean
+        scores = said.precision @ unit - said.pull
+        for member in self.members:
+            member.likelihood = LocalLikelihood(
+                parameters, unit, said.precision / count, scores / count, 0.0
+            )
+            member.weight, member.in_segments = 1.0, True
+        state.unit[parameters] = np.clip(unit, 0.0, 1.0)
+        state.flatness[parameters] = 1.0
+        state.free[parameters] = 0.0
         state.add_up()
 
 
@@ -111,11 +132,24 @@ class JointFits:
     seconds_left: Callable[[], float]
 
     def fit_window(self, observations: Mapping[str, Observation], new: int) -> None:
-        """Fit the window jointly and take over; `new` have come since it was fitted last."""
+        """Fit the window jointly and take over; `new` have come since it was fitted last.
+
+        Objects that are known by throws in segments wait for the next refit: fits of single states
+        would say too little of them, and that too surely.
+        """
         state, left = self.state, self.seconds_left()
-        if not state.window:
+        known, before, fitted = state.known_in_segments, state.before_window(), []
+        for member in state.window:
+            if member.in_segments:
+                before = before.plus([member.likelihood], [member.weight])
+            elif known[member.likelihood.parameters].all():
+                member.weight = 0.0
+            else:
+                fitted.append(member)
+        if not fitted:
+            state.add_up()
             return
-        problem = self._problem(state.window, observations, state.before_window())
+        problem = self._problem(fitted, observations, before)
         settings = JointEstimationSettings(largest_advance=LARGEST_ADVANCE, scan_steps=())
         fit = problem.fit_from(self._present, settings)
         saved = left - WINDOW_SHARE * self.options.seconds * new if np.isfinite(left) else 0.0
@@ -136,14 +170,17 @@ class JointFits:
         begun = [self._present]
         if state.published is not None and has_moved_far(state):
             begun.append(state.published_information.bounded(state.centre))
-        prior = problem.task.prior
-        drawn = drawn_starts(prior, STARTS - 1, np.random.default_rng(state.used))
-        staged = StagedFit(problem.task, np.array([prior.mean, *drawn]))
         continued = [
             problem.fit_from(each, JointEstimationSettings(scan_steps=())) for each in begun
         ]
+        before = self.seconds_left()
         for fit in continued:
             self._run(fit, CONTINUED_STEPS)
+        if self._fitted_in_segments(problem, continued, before - self.seconds_left()):
+            return
+        prior = problem.task.prior
+        drawn = drawn_starts(prior, STARTS - 1, np.random.default_rng(state.used))
+        staged = StagedFit(problem.task, np.array([prior.mean, *drawn]))
         self._run(staged, REFIT_STEPS)
         begun_anew = staged.joint
         if staged.jointly.steps < DROP_STEPS:
@@ -157,10 +194,37 @@ class JointFits:
         problem.take_over(staged.joint, with_spins=True)
         self._follow_profiles(problem, staged.joint)
         self._forget_what_disagrees()
-        self._note_refit(problem, begun_anew if begun_anew in staged.jointly.fits else staged.joint)
-        if len(problem.members) >= FEWEST_COMPARED:
-            # It has explained all observations better than what is published.
-            state.begin_trial(len(problem.members))
+        noted = begun_anew if begun_anew in staged.jointly.fits else staged.joint
+        self._note_refit(problem, noted.unit, noted.deviations)
+
+    def _fitted_in_segments(
+        self, problem: JointProblem, fits: Sequence[JointFit], seconds: float
+    ) -> bool:
+        """Fit throws of objects that tumble in segments, from the first of the fits to them.
+
+        `seconds` that these have taken. Returns whether that is taken over: others than throws of
+        single objects are kept, too, or there is not enough time, it is not.
+        """
+        state, fit = self.state, fits[0]
+        alone = all(len(each.objects) == 1 for each in fit.model.cost.observations)
+        if not alone or not tumbles(fit):
+            return False
+        simulated = sum(each.model.simulations for each in fits)
+        if self.seconds_left() < segment_simulations(fit) * seconds / simulated:
+            return False
+        segments = SegmentedFit(fit, self.simulator, np.random.default_rng(state.used))
+        while not segments.finished and self.seconds_left() > 0.0:
+            segments.step()
+        if not segments.usable:
+            return False
+        problem.take_over(fit, with_spins=False)
+        problem.take_over_segments(segments)
+        state.spread[problem.parameters] = 0.0
+        parameters = problem.parameters
+        self._note_refit(problem, state.unit[parameters], state.prior.deviations[parameters])
+        learned = state.used - state.begun
+        state.next_refit = learned + max(RECENT, learned // 4)
+        return True
 
     def _follow_profiles(self, problem: JointProblem, fit: JointFit) -> None:
         """Note where the loss is flatter than slopes say; it takes as long as a few steps."""
@@ -169,12 +233,22 @@ class JointFits:
         state.free[parameters], ends = one_sided_moves(fit, deviations)
         state.flatness[parameters] = ends / deviations
 
-    def _note_refit(self, problem: JointProblem, fit: JointFit) -> None:
-        """Remember a fit to all observations, beside what those to more of them lead to."""
-        state = self.state
+    def _note_refit(
+        self,
+        problem: JointProblem,
+        fitted: NDArray[np.float64],
+        fitted_deviations: NDArray[np.float64],
+    ) -> None:
+        """Remember what all observations led to, both (k,), beside what more of them lead to.
+
+        It has explained them better than what is published.
+        """
+        state, parameters = self.state, problem.parameters
         unit, deviations = state.unit.copy(), state.prior.deviations
-        unit[problem.parameters], deviations[problem.parameters] = fit.unit, fit.deviations
+        unit[parameters], deviations[parameters] = fitted, fitted_deviations
         state.refitted = [*state.refitted[-1:], Refitted(state.used, unit, deviations)]
+        if len(problem.members) >= FEWEST_COMPARED:
+            state.begin_trial(len(problem.members))
 
     @property
     def _present(self) -> Gaussian:

@@ -89,6 +89,7 @@ class Member:
     signs : of having been disturbed
     weight : with which it counts; 0 where it is doubtful
     trusted : whether a user has included it, so that nothing sets it aside
+    in_segments : whether its likelihood is its part of what throws in segments say together
     """
 
     id: str
@@ -99,6 +100,7 @@ class Member:
     signs: Signs
     weight: float = 1.0
     trusted: bool = False
+    in_segments: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,6 +221,15 @@ class OnlineState:
         """Keep an observation no longer."""
         self.window = [each for each in self.window if each is not member]
         self.past = [each for each in self.past if each is not member]
+
+    @property
+    def known_in_segments(self) -> NDArray[np.bool_]:
+        """Which parameters (n,) are known by throws in segments."""
+        known = np.zeros(self.unit.size, dtype=bool)
+        for member in self.kept:
+            if member.in_segments:
+                known[member.likelihood.parameters] = True
+        return known
 
     def before_window(self) -> Gaussian:
         """Return what is known without the observations of the window."""

@@ -12,12 +12,12 @@ from intuitive_physics.shapes import Box
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.joint_estimation.chaotic_states import (
+from intuitive_physics_learner.search.learning_task import LearningTask
+from intuitive_physics_learner.segmented_estimation.chaotic_states import (
     VELOCITY_STEP,
     moved,
     states_at,
 )
-from intuitive_physics_learner.search.learning_task import LearningTask
 
 MATERIALS = ("ball", "floor")
 E = parameter_names(MATERIALS).index("restitution[ball, floor]")

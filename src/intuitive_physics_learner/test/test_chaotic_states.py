@@ -8,7 +8,7 @@ from intuitive_physics.materials import StaticParameters
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Sphere
 from intuitive_physics.state import ObjectState
-from intuitive_physics_learner.joint_estimation.chaotic_states import (
+from intuitive_physics_learner.segmented_estimation.chaotic_states import (
     VELOCITY_STEP,
     change,
     drawn_again,

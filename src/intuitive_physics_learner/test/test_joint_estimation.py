@@ -20,12 +20,12 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     InitialStateDeviations,
     InitialStates,
 )
-from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.joint_search import JointSearch
 from intuitive_physics_learner.joint_search.identifiability import (
     balanced_half,
     identifiability_by_fit,
 )
+from intuitive_physics_learner.joint_search.staged_fit import StagedFit
 from intuitive_physics_learner.methods import JOINT_METHOD
 
 from .cases import MATERIALS, task_of

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from intuitive_physics_learner.joint_estimation.jumps import (
+from intuitive_physics_learner.segmented_estimation.jumps import (
     JUMP_DISPLACEMENT,
     JUMP_VELOCITY,
     asked_jump,

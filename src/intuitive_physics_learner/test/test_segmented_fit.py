@@ -11,23 +11,23 @@ from hypothesis import strategies as st
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner import ConvergenceCriteria, TrajectoryCost
-from intuitive_physics_learner.joint_estimation import staged_fit
-from intuitive_physics_learner.joint_estimation.continuations import MOTIONS, Continuations
 from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
-from intuitive_physics_learner.joint_estimation.segment_equations import (
-    SegmentEquations,
-    segment_equations,
-)
-from intuitive_physics_learner.joint_estimation.segmented_fit import AVERAGED, SegmentedFit
-from intuitive_physics_learner.joint_estimation.segmented_throws import (
-    LARGEST_LINK_LOSS,
-    SegmentedThrows,
-)
-from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit, tumbles
+from intuitive_physics_learner.joint_search import staged_fit
 from intuitive_physics_learner.joint_search.joint_search import JointSearch
+from intuitive_physics_learner.joint_search.staged_fit import StagedFit, tumbles
 from intuitive_physics_learner.online.online_learner import OnlineLearner
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
+from intuitive_physics_learner.segmented_estimation.continuations import MOTIONS, Continuations
+from intuitive_physics_learner.segmented_estimation.segment_equations import (
+    SegmentEquations,
+    segment_equations,
+)
+from intuitive_physics_learner.segmented_estimation.segmented_fit import AVERAGED, SegmentedFit
+from intuitive_physics_learner.segmented_estimation.segmented_throws import (
+    LARGEST_LINK_LOSS,
+    SegmentedThrows,
+)
 
 from .cases import MATERIALS, box_throws, task_of
 

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import TrajectoryCost
 from intuitive_physics_learner.cost.wrapped_costs import PartialCost
-from intuitive_physics_learner.joint_estimation import JointEstimationSettings, staged_fit
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit, separable
+from intuitive_physics_learner.joint_search import staged_fit
+from intuitive_physics_learner.joint_search.staged_fit import StagedFit, separable
 from intuitive_physics_learner.search.learning_task import FitTask
 from intuitive_physics_learner.search.search_space import ActiveSpace
 

@@ -25,7 +25,9 @@ from intuitive_physics.simulation import Simulator, WorldStatus
 from intuitive_physics.simulation.shares import mapped_in_shares
 from intuitive_physics_learner.cost.cost_function import chunks
 from intuitive_physics_learner.cost.packed_observations import PackedObservations, packed_in_groups
-from intuitive_physics_learner.joint_estimation.chaotic_states import (
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.observation_blocks import LARGEST_BLOCK
+from intuitive_physics_learner.segmented_estimation.chaotic_states import (
     CHANGE_SPREADS,
     RESTING_SPEED,
     VELOCITY_STEP,
@@ -35,10 +37,8 @@ from intuitive_physics_learner.joint_estimation.chaotic_states import (
     states_at,
     surface_speeds,
 )
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.jumps import asked_jump
-from intuitive_physics_learner.joint_estimation.observation_blocks import LARGEST_BLOCK
-from intuitive_physics_learner.joint_estimation.seen_points import SeenPoints
+from intuitive_physics_learner.segmented_estimation.jumps import asked_jump
+from intuitive_physics_learner.segmented_estimation.seen_points import SeenPoints
 
 MOTIONS = (64, 256)
 """Motions that are followed: first of all observations, then of those with a notable misfit."""

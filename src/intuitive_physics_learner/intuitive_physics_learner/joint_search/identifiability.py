@@ -36,13 +36,13 @@ from intuitive_physics_learner.joint_estimation.profiles import (
     move_simulations,
     one_sided_moves,
 )
-from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.joint_estimation.widened_uncertainty import (
     agreed_deviations,
     information_about,
     jackknife_variances,
     widened_information,
 )
+from intuitive_physics_learner.joint_search.staged_fit import StagedFit
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.search_space import ActiveSpace

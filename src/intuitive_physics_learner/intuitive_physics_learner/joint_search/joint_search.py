@@ -16,20 +16,20 @@ from intuitive_physics_learner.joint_estimation.profiles import (
     curvature_simulations,
     move_simulations,
 )
-from intuitive_physics_learner.joint_estimation.segmented_fit import (
-    SegmentedFit,
-    segment_simulations,
-)
 from intuitive_physics_learner.joint_estimation.several_starts import LEFT, STARTS, drawn_starts
-from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit
 from intuitive_physics_learner.joint_search.cost_descent import CostDescent
 from intuitive_physics_learner.joint_search.identifiability import (
     Identifiability,
     identifiability_by_fit,
 )
+from intuitive_physics_learner.joint_search.staged_fit import StagedFit
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.parameter_search import Search
+from intuitive_physics_learner.segmented_estimation.segmented_fit import (
+    SegmentedFit,
+    segment_simulations,
+)
 
 LARGEST_MISFIT_SHARE = 0.3
 """Mean share of observations with a misfit above which the simulation must lack an effect: just

@@ -14,16 +14,12 @@ from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.point_noise import detected
 from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
 from intuitive_physics_learner.joint_estimation.profiles import curvature_posterior, one_sided_moves
-from intuitive_physics_learner.joint_estimation.segmented_fit import (
-    SegmentedFit,
-    segment_simulations,
-)
 from intuitive_physics_learner.joint_estimation.several_starts import (
     DROP_STEPS,
     STARTS,
     drawn_starts,
 )
-from intuitive_physics_learner.joint_estimation.staged_fit import StagedFit, tumbles
+from intuitive_physics_learner.joint_search.staged_fit import StagedFit, tumbles
 from intuitive_physics_learner.online.change_point import change_probability
 from intuitive_physics_learner.online.lone_fit import LARGEST_ADVANCE
 from intuitive_physics_learner.online.memory import RECENT, age_weight
@@ -32,6 +28,10 @@ from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.publication import FEWEST_COMPARED, has_moved_far
 from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
 from intuitive_physics_learner.search.learning_task import FitTask
+from intuitive_physics_learner.segmented_estimation.segmented_fit import (
+    SegmentedFit,
+    segment_simulations,
+)
 
 WINDOW_STEPS = 8
 """Joint steps of all observations of the window after new ones; set by hand."""

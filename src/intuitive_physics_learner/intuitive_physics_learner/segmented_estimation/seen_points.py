@@ -22,16 +22,24 @@ TIME_ROUNDING = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class SeenPoints:
-    """Points of A observations of O objects at up to T times, and what begins where fits stop."""
+    """Points of A observations of O objects at up to T times, and what begins where fits stop.
 
-    times: NDArray[np.float64]  # (A, T) s, NaN beyond the last
-    observed: NDArray[np.float64]  # (A, O, T, 3) m, without shared errors
-    whitening: NDArray[np.float64]  # (A, O, T, 3, 3) 1/m, 0 where there is no point
-    begin: NDArray[np.int64]  # (A,) column of the fit horizon
+    Parameters
+    ----------
+    times : (A, T) s, NaN beyond the last
+    observed : (A, O, T, 3) m, without shared errors
+    whitening : (A, O, T, 3, 3) 1/m, 0 where there is no point
+    begin : (A,) column of the fit horizon
+    """
+
+    times: NDArray[np.float64]
+    observed: NDArray[np.float64]
+    whitening: NDArray[np.float64]
+    begin: NDArray[np.int64]
 
     @staticmethod
     def of(fit: JointFit, group: PackedObservations, rows: NDArray[np.int64]) -> SeenPoints:
-        """Take the estimate's shared errors out of what was observed."""
+        """Take the estimate's shared errors out of what was observed; `rows` (A,) in the group."""
         observed, times = group.observed[rows].copy(), group.times[rows]
         whitening, begin = np.zeros((*observed.shape, 3)), np.zeros(rows.size, dtype=np.int64)
         place = {int(group.members[row]): a for a, row in enumerate(rows)}
@@ -61,7 +69,7 @@ class SeenPoints:
         return np.minimum(np.maximum(inside, begin + 1), self.last)
 
     def starts(self, rows: NDArray[np.int64], begin: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Times (a,) in s of columns (a,) of observations (a,); 0 before the first, which is -1."""
+        """Times (a,) in s of columns `begin` (a,) of `rows` (a,); 0 before the first, column -1."""
         return np.where(begin < 0, 0.0, self.times[rows, begin])
 
     def stays(self, row: int, column: int, places: NDArray[np.float64]) -> bool:
@@ -76,7 +84,7 @@ class SeenPoints:
     def segment(
         self, rows: NDArray[np.int64], begin: NDArray[np.int64], end: NDArray[np.int64]
     ) -> SeenPoints:
-        """Return the points of some observations after columns `begin` up to `end`, both (a,)."""
+        """Return the points of `rows` (a,) after columns `begin` (a,) up to `end` (a,)."""
         columns = begin[:, None] + 1 + np.arange((end - begin).max())
         there = columns <= end[:, None]
         at = rows[:, None], np.where(there, columns, 0)

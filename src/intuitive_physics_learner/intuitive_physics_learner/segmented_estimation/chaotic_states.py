@@ -48,7 +48,7 @@ def moved(states: NDArray[np.float64], changes: NDArray[np.float64]) -> NDArray[
 
 
 def change(after: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the changes (..., 12) that lead from states `before` to states `after` (..., 13)."""
+    """Return the changes (..., 12) from states `before` (..., 13) to states `after` (..., 13)."""
     shape = np.broadcast_shapes(after.shape, before.shape)[:-1]
     changes = np.empty((*shape, 12))
     changes[..., :3] = after[..., :3] - before[..., :3]

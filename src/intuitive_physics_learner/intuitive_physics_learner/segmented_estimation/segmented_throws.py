@@ -17,7 +17,10 @@ from numpy.typing import NDArray
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.simulation import Simulator, WorldBatch, WorldStatus
 from intuitive_physics_learner.cost.packed_observations import packed
-from intuitive_physics_learner.joint_estimation.chaotic_states import (
+from intuitive_physics_learner.joint_estimation.fit_horizons import FAILED_LENGTH
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.normal_equations import robust_loss
+from intuitive_physics_learner.segmented_estimation.chaotic_states import (
     CHANGE_SPREADS,
     VELOCITY_STEP,
     change,
@@ -25,10 +28,7 @@ from intuitive_physics_learner.joint_estimation.chaotic_states import (
     states_at,
     surface_speeds,
 )
-from intuitive_physics_learner.joint_estimation.fit_horizons import FAILED_LENGTH
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.normal_equations import robust_loss
-from intuitive_physics_learner.joint_estimation.seen_points import SeenPoints
+from intuitive_physics_learner.segmented_estimation.seen_points import SeenPoints
 
 SEGMENT = 1.0 / 3.0
 """Duration of a segment, s: ten points at 30 Hz."""
@@ -94,7 +94,10 @@ class SegmentPoints:
     def losses(
         self, throws: NDArray[np.int64], segments: NDArray[np.int64], offsets: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Losses (n, ...) of offsets (n, ..., N, 3) m from the points of n segments."""
+        """Losses (n, ...) of offsets (n, ..., N, 3) m from the points of n segments.
+
+        `throws` (n,) and `segments` (n,) by their indices.
+        """
         extra = (slice(None), *(None,) * (offsets.ndim - 3))
         whitening = self.whitening[throws, segments][extra]
         lengths = np.linalg.norm((whitening @ offsets[..., None])[..., 0], axis=-1)
@@ -197,9 +200,9 @@ class SegmentedThrows:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Simulate n segments, each from m states.
 
-        `throws` and `segments` (n,) by their indices; `states` (n, m, 13); `index` (m,) of the θ_s
-        of each among those of the worlds; None: the first. Returns offsets (n, m, N, 3) m from the
-        points, and states (n, m, 13) at the ends; NaN where a simulation failed.
+        `throws` (n,) and `segments` (n,) by their indices; `states` (n, m, 13); `index` (m,) of the
+        θ_s of each among those of the worlds; None: the first. Returns offsets (n, m, N, 3) m from
+        the points, and states (n, m, 13) at the ends; NaN where a simulation failed.
         """
         n, m = states.shape[:2]
         relative = self.points.times[throws, segments]
@@ -232,7 +235,10 @@ class SegmentedThrows:
     def link_losses(
         self, ends: NDArray[np.float64], states: NDArray[np.float64], spreads: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Losses (...,) of states after the ends (..., 13) of others; `spreads` (..., 12)."""
+        """Losses (...,) of links from `ends` (..., 13) to `states` (..., 13).
+
+        `spreads` (..., 12) of the links.
+        """
         lengths = change(ends, states) / spreads
         return 0.5 * np.nan_to_num(lengths**2, nan=FAILED_LOSS).sum(axis=-1)
 
@@ -244,7 +250,7 @@ class SegmentedThrows:
         return 0.5 * (self.first_precisions[throws][:, None] * apart**2).sum(axis=-1)
 
     def spreads(self, states: NDArray[np.float64], level: float) -> NDArray[np.float64]:
-        """Spreads (A, K, 12) of the links of paths (A, K, 13).
+        """Spreads (A, K, 12) of the links of paths, `states` (A, K, 13).
 
         Each by the faster one of the two states: what comes to rest was chaotic just before.
         """
@@ -259,7 +265,7 @@ class SegmentedThrows:
         lengths: NDArray[np.int64],
         spreads: NDArray[np.float64],
     ) -> PathLosses:
-        """Simulate paths (A, K, 13) of the first segments, `lengths` (A,), of each throw.
+        """Simulate paths, `states` (A, K, 13), of the first `lengths` (A,) segments of each throw.
 
         `spreads` (A, K, 12) of the links.
         """
@@ -279,7 +285,10 @@ class SegmentedThrows:
         return PathLosses(points, links, self.first_losses(every, states[:, :1])[:, 0], ends)
 
     def explained(self, losses: PathLosses, lengths: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Number (A,) of segments of each throw before the first one that is not explained."""
+        """Number (A,) of segments of each throw before the first one that is not explained.
+
+        `lengths` (A,) of the paths.
+        """
         good = np.arange(self.shape[1]) < lengths[:, None]
         good &= losses.points <= self.points.largest_losses
         good[:, 1:] &= losses.links[:, :-1] <= LARGEST_LINK_LOSS

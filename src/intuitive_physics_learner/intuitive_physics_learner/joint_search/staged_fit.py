@@ -28,11 +28,11 @@ from intuitive_physics_learner.joint_estimation.joint_fit import (
     JointFit,
     ObservationFit,
 )
-from intuitive_physics_learner.joint_estimation.segmented_fit import SegmentedFit
 from intuitive_physics_learner.joint_estimation.several_starts import SeveralStarts, durations
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import NEGLIGIBLE_WEIGHT, FitTask
 from intuitive_physics_learner.search.plain_state import Resumable
+from intuitive_physics_learner.segmented_estimation.segmented_fit import SegmentedFit
 
 SEPARATE_STEPS = 20
 """Steps at most of the fits to objects that moved alone, each object by itself, before all

@@ -19,12 +19,20 @@ REWEIGHTINGS = 3
 
 @dataclass(frozen=True, eq=False)
 class Jump:
-    """Jumps that points ask for at the start of a segment, of a · K motions of O objects."""
+    """Jumps that points ask for at the start of a segment, of a · K motions of O objects.
 
-    displacements: NDArray[np.float64]  # (a, K, O, 3) m
-    velocities: NDArray[np.float64]  # (a, K, O, 3) m/s
-    losses: NDArray[np.float64]  # (a, K) by their priors
-    offsets: NDArray[np.float64]  # (a, K, O, C, 3) m, left between motions and points
+    Parameters
+    ----------
+    displacements : (a, K, O, 3) m
+    velocities : (a, K, O, 3) m/s
+    losses : (a, K) by their priors
+    offsets : (a, K, O, C, 3) m, left between motions and points
+    """
+
+    displacements: NDArray[np.float64]
+    velocities: NDArray[np.float64]
+    losses: NDArray[np.float64]
+    offsets: NDArray[np.float64]
 
 
 def asked_jump(

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics_learner.joint_estimation.chaotic_states import (
+from intuitive_physics_learner.joint_estimation.linearisation import DIFFERENCE_STEP
+from intuitive_physics_learner.joint_estimation.normal_equations import Elimination, huber_weights
+from intuitive_physics_learner.segmented_estimation.chaotic_states import (
     CHANGE_SPREADS,
     change,
     moved,
 )
-from intuitive_physics_learner.joint_estimation.linearisation import DIFFERENCE_STEP
-from intuitive_physics_learner.joint_estimation.normal_equations import Elimination, huber_weights
-from intuitive_physics_learner.joint_estimation.segmented_throws import SegmentedThrows
+from intuitive_physics_learner.segmented_estimation.segmented_throws import SegmentedThrows
 
 SMALLEST_CHANGE = 1e-6
 """Smallest step of a finite difference of a state, in the unit of its component."""

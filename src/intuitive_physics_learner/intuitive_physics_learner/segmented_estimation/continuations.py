@@ -16,15 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.simulation import WorldBatch
-from intuitive_physics_learner.joint_estimation.chaotic_states import (
+from intuitive_physics_learner.segmented_estimation.chaotic_states import (
     CHANGE_SPREADS,
     RESTING_SPEED,
     drawn_again,
     moved,
     surface_speeds,
 )
-from intuitive_physics_learner.joint_estimation.jumps import asked_jump
-from intuitive_physics_learner.joint_estimation.segmented_throws import SegmentedThrows
+from intuitive_physics_learner.segmented_estimation.jumps import asked_jump
+from intuitive_physics_learner.segmented_estimation.segmented_throws import SegmentedThrows
 
 MOTIONS = 64
 """Motions that are followed; 128 did no better on six sets of ten objects in the same time."""

@@ -14,13 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.simulation import Simulator, WorldBatch
-from intuitive_physics_learner.joint_estimation.chaotic_states import CHANGE_SPREADS, moved
-from intuitive_physics_learner.joint_estimation.continuations import (
-    BACK,
-    FIRST_PARTS,
-    MOTIONS,
-    Continuations,
-)
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_MOVE, JointFit
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     Elimination,
@@ -28,19 +21,26 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
     bounded_step,
     reduced_equations,
 )
-from intuitive_physics_learner.joint_estimation.segment_equations import (
-    SegmentEquations,
-    segment_equations,
-)
-from intuitive_physics_learner.joint_estimation.segmented_throws import (
-    PathLosses,
-    SegmentedThrows,
-)
 from intuitive_physics_learner.joint_estimation.widened_uncertainty import (
     jackknife_variances,
     widened_information,
 )
 from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
+from intuitive_physics_learner.segmented_estimation.chaotic_states import CHANGE_SPREADS, moved
+from intuitive_physics_learner.segmented_estimation.continuations import (
+    BACK,
+    FIRST_PARTS,
+    MOTIONS,
+    Continuations,
+)
+from intuitive_physics_learner.segmented_estimation.segment_equations import (
+    SegmentEquations,
+    segment_equations,
+)
+from intuitive_physics_learner.segmented_estimation.segmented_throws import (
+    PathLosses,
+    SegmentedThrows,
+)
 
 FIRST_LEVEL, LAST_LEVEL = 4.0, 0.2
 """Spread of links at first and at last, in `chaotic_states.SPREADS`. At 4 a filter follows boxes to

@@ -102,8 +102,8 @@ def test_segments_are_eliminated_as_one_matrix(seed, count, damping):
 
 
 def test_the_true_motion_leaves_noise_alone(single, event_driven, seen, true_unit):
-    """Its links err by the steps of the engine, which begin anew with each segment; chaos enlarges
-    that. Its points have noise.
+    """Its links err because the engine's steps restart with each segment, which chaos amplifies.
+    Its points have noise.
 
     The loss of a point is half of χ² with three degrees of freedom, 1.5 on the average.
     """

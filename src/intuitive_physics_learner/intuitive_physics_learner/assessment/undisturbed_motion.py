@@ -21,7 +21,7 @@ from operator import methodcaller
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.simulation import Simulator, WorldStatus
+from intuitive_physics.simulation import Simulator
 from intuitive_physics.simulation.shares import mapped_in_shares
 from intuitive_physics_learner.cost.cost_function import chunks
 from intuitive_physics_learner.cost.packed_observations import PackedObservations, packed_in_groups
@@ -30,15 +30,14 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import LARGES
 from intuitive_physics_learner.segmented_estimation.chaotic_states import (
     CHANGE_SPREADS,
     RESTING_SPEED,
-    VELOCITY_STEP,
     chaos_scales,
     drawn_again,
+    followed,
     moved,
-    states_at,
     surface_speeds,
 )
 from intuitive_physics_learner.segmented_estimation.jumps import asked_jump
-from intuitive_physics_learner.segmented_estimation.seen_points import SeenPoints
+from intuitive_physics_learner.segmented_estimation.seen_points import FEWEST_POINTS, SeenPoints
 
 MOTIONS = (64, 256)
 """Motions that are followed: first of all observations, then of those with a notable misfit."""
@@ -49,9 +48,6 @@ it, 1.5 on the average, with a probability of 1e-4."""
 
 SEGMENT = 0.2
 """Duration of a segment, s: six points at 30 Hz."""
-
-FEWEST_POINTS = 3
-"""Points over which the loss of a segment is averaged at least."""
 
 
 def undisturbed_misfits(
@@ -185,19 +181,11 @@ class _Motions:
         states = self._states[rows]
         shape = states.shape[:3]
         start = self._points.starts(rows, begin)
-        counts = end - begin
-        asked = np.full((rows.size, counts.max() + 1), np.nan)
-        asked[:, :-1] = seen.times - start[:, None]
-        every = np.arange(rows.size)
-        asked[every, counts] = asked[every, counts - 1] + VELOCITY_STEP
         worlds = self._worlds.taken(
             np.repeat(rows, shape[1]), states=states.reshape(-1, *states.shape[2:])
         )
-        rollout = self._simulator.rollout_batch(worlds, np.repeat(asked, shape[1], axis=0))
-        ends = states_at(rollout, np.repeat(counts - 1, shape[1]))
-        failed = rollout.status != WorldStatus.OK
-        ends[failed] = np.nan
-        positions = np.where(failed[:, None, None, None], np.nan, rollout.positions[:, :, :-1])
+        since = seen.times - start[:, None]
+        positions, ends = followed(self._simulator, worlds, since, shape[1])
         return positions.reshape(*shape, -1, 3) - seen.observed[:, None], ends.reshape(states.shape)
 
     def _draw_again(

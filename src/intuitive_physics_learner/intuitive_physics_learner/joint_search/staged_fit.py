@@ -75,8 +75,8 @@ class StagedFit(Resumable):
 
     Where nothing is fitted separately, the joint fit has several starts. Separate fits have one:
     with more, less time is left for collisions. Objects that tumble, of which a fit of single
-    states explains little, are then fitted in segments (`segmented_fit`). From then on that is what
-    the joint fit knows of θ_s beforehand, and these throws count no more.
+    states explains little, are then fitted in segments (`segmented_fit`). Their result becomes part
+    of the prior of the joint fit, in which these throws no longer count.
 
     `starts` (n_starts, n) points of the unit cube; None: only the prior's mean; `in_segments` makes
     a fit in segments of one to an object alone, or None where there shall be none; None: nothing is
@@ -250,7 +250,7 @@ class StagedFit(Resumable):
             self._begin_with_knowledge()
 
     def _begin_with_knowledge(self) -> None:
-        """Begin the joint fit anew, with what fits in segments say as what is known beforehand."""
+        """Restart the joint fit, with the results of the fits in segments in its prior."""
         before = self.joint
         unit, fits = before.unit.copy(), list(before.observation_fits())
         states: list[ObservationFit | None] = [*fits]
@@ -275,7 +275,7 @@ class StagedFit(Resumable):
 def tumbles(fit: JointFit) -> bool:
     """Whether a fit explains so little of throws of single objects that motion must be chaotic."""
     observations = fit.model.cost.observations
-    if len(observations) < FEWEST_IN_SEGMENTS:
+    if len(observations) < FEWEST_IN_SEGMENTS or not _all_alone(observations):
         return False
     if any(isinstance(each.objects[0].object.shape, Sphere) for each in observations):
         return False

@@ -206,8 +206,7 @@ class JointFits:
         single objects are kept, too, or there is not enough time, it is not.
         """
         state, fit = self.state, fits[0]
-        alone = all(len(each.objects) == 1 for each in fit.model.cost.observations)
-        if not alone or not tumbles(fit):
+        if not tumbles(fit):
             return False
         simulated = sum(each.model.simulations for each in fits)
         if self.seconds_left() < segment_simulations(fit) * seconds / simulated:

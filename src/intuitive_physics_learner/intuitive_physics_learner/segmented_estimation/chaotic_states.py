@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.geometry.rotations import quaternion_product, rotate_quaternions
-from intuitive_physics.simulation import Rollout
+from intuitive_physics.simulation import Rollout, Simulator, WorldBatch, WorldStatus
 
 SPREADS = (0.004, 0.06, 0.05, 1.0)
 """Standard deviations by which states are spread at the start of a segment, of position (m), turn
@@ -90,6 +90,26 @@ def drawn_again(
     levels = weights.cumsum(axis=1) / weights.sum(axis=1, keepdims=True)
     asked = (np.arange(count) + generator.random((losses.shape[0], 1))) / count
     return np.asarray((levels[:, None, :] < asked[:, :, None]).sum(axis=2).clip(max=count - 1))
+
+
+def followed(
+    simulator: Simulator, worlds: WorldBatch, times: NDArray[np.float64], count: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Simulate `count` worlds side by side for each row of `times` (n, T) s, NaN beyond the last.
+
+    Returns positions (n count, O, T, 3) m, and states (n count, O, 13) at the last times; NaN where
+    a simulation failed.
+    """
+    counts = np.isfinite(times).sum(axis=1)
+    every = np.arange(counts.size)
+    asked = np.full((counts.size, times.shape[1] + 1), np.nan)
+    asked[:, :-1] = times
+    asked[every, counts] = times[every, counts - 1] + VELOCITY_STEP
+    rollout = simulator.rollout_batch(worlds, np.repeat(asked, count, axis=0))
+    ends = states_at(rollout, np.repeat(counts - 1, count))
+    positions, failed = rollout.positions[:, :, :-1], rollout.status != WorldStatus.OK
+    ends[failed], positions[failed] = np.nan, np.nan
+    return positions, ends
 
 
 def states_at(rollout: Rollout, columns: NDArray[np.int64]) -> NDArray[np.float64]:

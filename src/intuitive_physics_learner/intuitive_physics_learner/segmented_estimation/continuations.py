@@ -24,6 +24,7 @@ from intuitive_physics_learner.segmented_estimation.chaotic_states import (
     surface_speeds,
 )
 from intuitive_physics_learner.segmented_estimation.jumps import asked_jump
+from intuitive_physics_learner.segmented_estimation.seen_points import mean_precisions
 from intuitive_physics_learner.segmented_estimation.segmented_throws import SegmentedThrows
 
 MOTIONS = 64
@@ -58,16 +59,12 @@ class Continuation:
 
     Parameters
     ----------
-    throws : (r,) by their indices
-    first : (r,) segment from which on each was followed
-    counts : (r,) segments that it then goes on for
+    counts : (r,) segments that each goes on for
     states : (r, S, 13) in which they begin
     ends : (r,) number of segments after which it rests; the number of segments of the throw where
         it does not
     """
 
-    throws: NDArray[np.int64]
-    first: NDArray[np.int64]
     counts: NDArray[np.int64]
     states: NDArray[np.float64]
     ends: NDArray[np.int64]
@@ -141,7 +138,7 @@ class Continuations:
             self._counts[going[fine]], self._best[going[fine]] = s + 1, best[fine]
             self._go_on(s, going, places, best)
             going = going[fine]
-        return Continuation(self._rows, self._first, self._counts, self._traced(), self._ends)
+        return Continuation(self._counts, self._traced(), self._ends)
 
     def _spread(
         self, throws: NDArray[np.int64], states: NDArray[np.float64]
@@ -168,7 +165,7 @@ class Continuations:
         throws, points = self._rows[going], self._throws.points
         offsets, reached = self._throws.simulated(self._worlds, throws, places, states)
         times = np.nan_to_num(points.times[throws, places])
-        precisions = (points.whitening[throws, places] ** 2).sum(axis=(2, 3)) / 3.0
+        precisions = mean_precisions(points.whitening[throws, places])
         size = JUMP_PART * self._level if s > 0 else 0.0
         scales = np.maximum(size * self._throws.scales(throws, states), np.finfo(float).eps)
         jump = asked_jump(offsets[:, :, None], times, precisions[:, None], scales[..., None])
@@ -199,12 +196,9 @@ class Continuations:
         likely[:, -1] = 0
         ends = np.take_along_axis(self._reached[s - 1, going], likely[..., None], axis=1)
         begun = np.take_along_axis(self._states[s - 1, going], likely[..., None], axis=1)
-        scales = np.maximum(
-            self._throws.scales(throws, begun)[:, :, None],
-            self._throws.scales(throws, states)[:, None],
-        )
-        spreads = self._level * scales[..., None] * CHANGE_SPREADS
-        losses = self._throws.link_losses(ends[:, :, None], states[:, None], spreads)
+        after = states[:, None]
+        spreads = self._throws.link_spreads(throws, begun[:, :, None], after, self._level)
+        losses = self._throws.link_losses(ends[:, :, None], after, spreads)
         losses += np.take_along_axis(least, likely, axis=1)[..., None]
         chosen = losses.argmin(axis=1)
         self._before[s, going] = np.take_along_axis(likely, chosen, axis=1)

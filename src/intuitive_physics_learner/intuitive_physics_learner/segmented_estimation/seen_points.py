@@ -16,8 +16,28 @@ RESTING_LOSS = 2.5
 """Mean loss of all later points about one place up to which it stays there: 1.5 of noise, and what
 the place errs."""
 
+FEWEST_POINTS = 3
+"""Points over which the loss of a segment is averaged at least."""
+
 TIME_ROUNDING = 1e-6
 """Error of stamps, s, by which a segment may be longer."""
+
+
+def point_losses(
+    whitening: NDArray[np.float64], offsets: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Losses (...,) of offsets (..., 3) m from points, 0 where there is none.
+
+    `whitening` (..., 3, 3) 1/m, 0 where there is no point.
+    """
+    lengths = np.linalg.norm((whitening @ offsets[..., None])[..., 0], axis=-1)
+    lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
+    return np.where(whitening.any(axis=(-2, -1)), robust_loss(lengths), 0.0)
+
+
+def mean_precisions(whitening: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean 1/σ² (...,) of the axes of points, by `whitening` (..., 3, 3) 1/m; 0 without a point."""
+    return np.asarray((whitening**2).sum(axis=(-2, -1)) / 3.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,12 +120,8 @@ class SeenPoints:
     @property
     def precisions(self) -> NDArray[np.float64]:
         """Mean 1/σ² (a, O, C) of the axes of each point, 0 where there is none."""
-        return (self.whitening**2).sum(axis=(3, 4)) / 3.0
+        return mean_precisions(self.whitening)
 
     def losses(self, offsets: NDArray[np.float64]) -> NDArray[np.float64]:
         """Losses (a, K, O, C) of offsets (a, K, O, C, 3) m from the points."""
-        whitened = (self.whitening[:, None] @ offsets[..., None])[..., 0]
-        lengths = np.linalg.norm(whitened, axis=-1)
-        lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
-        there = self.precisions[:, None] > 0.0
-        return np.where(there, robust_loss(lengths), 0.0)
+        return point_losses(self.whitening[:, None], offsets)

@@ -233,7 +233,7 @@ def _assembled(
     gradients[to] -= (precisions * apart)[held]
     across[to] -= weighted[held][:, d:].swapaxes(1, 2)
     begun = counted[:, 0]
-    known = throws.first_precisions[begun]
+    known = throws.initial_precisions[begun]
     blocks[begun, 0] += known[:, :, None] * np.eye(d)
-    gradients[begun, 0] += known * change(states[begun, 0], throws.first_states[begun])
+    gradients[begun, 0] += known * change(states[begun, 0], throws.initial_states[begun])
     return SegmentEquations(blocks, next_blocks, across, gradients, information, scores)

@@ -77,7 +77,6 @@ USABLE_LEVEL = 1.0
 """Spread of links from which on the result is better than that of a fit of single states, where the
 time ends before the last one; set by hand."""
 
-
 SIMULATIONS = 900
 """Simulations of whole throws that take as long as a fit in segments of one of them."""
 
@@ -183,11 +182,9 @@ class SegmentedFit:
         known = np.flatnonzero(self._lengths[rows] > 0)
         begun[known] = self._spread(rows[known], first[known])
         last = np.maximum(first - 1, 0)
-        slower = throws.scales(rows, self._states[rows, last])[:, None]
-        scales = np.maximum(slower, throws.scales(rows, begun))[..., None]
-        ends = losses.ends[rows, last][:, None]
-        before = throws.link_losses(ends, begun, self.level * scales * CHANGE_SPREADS)
-        before = np.where((first == 0)[:, None], throws.first_losses(rows, begun), before)
+        spreads = throws.link_spreads(rows, self._states[rows, last][:, None], begun, self.level)
+        before = throws.link_losses(losses.ends[rows, last][:, None], begun, spreads)
+        before = np.where((first == 0)[:, None], throws.initial_losses(rows, begun), before)
         followed = Continuations(
             throws, worlds, rows, first, begun, self.level, self._generator
         ).follow(self._states, self._lengths, self._limits, before)

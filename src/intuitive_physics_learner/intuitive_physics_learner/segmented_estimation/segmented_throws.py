@@ -15,20 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.materials import StaticParameters
-from intuitive_physics.simulation import Simulator, WorldBatch, WorldStatus
+from intuitive_physics.simulation import Simulator, WorldBatch
 from intuitive_physics_learner.cost.packed_observations import packed
-from intuitive_physics_learner.joint_estimation.fit_horizons import FAILED_LENGTH
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.normal_equations import robust_loss
 from intuitive_physics_learner.segmented_estimation.chaotic_states import (
     CHANGE_SPREADS,
-    VELOCITY_STEP,
     change,
     chaos_scales,
-    states_at,
+    followed,
     surface_speeds,
 )
-from intuitive_physics_learner.segmented_estimation.seen_points import SeenPoints
+from intuitive_physics_learner.segmented_estimation.seen_points import (
+    FEWEST_POINTS,
+    SeenPoints,
+    point_losses,
+)
 
 SEGMENT = 1.0 / 3.0
 """Duration of a segment, s: ten points at 30 Hz."""
@@ -37,14 +38,11 @@ FAILED_LOSS = 1e8
 """Loss of what a simulation that failed would be compared with."""
 
 EXACT_PRECISION = 1e10
-"""Of a component of a first state that is known exactly, in SI units: it moves by rounding."""
+"""Of a component of an initial state that is known exactly, in SI units: it moves by rounding."""
 
 LARGEST_SEGMENT_LOSS = 3.0
 """Loss per point of a segment that is explained, at most: ten points of noise, 1.5 on the average,
 exceed it with a probability of 1e-4."""
-
-FEWEST_POINTS = 3
-"""Points over which the loss of a segment is averaged at least."""
 
 LARGEST_LINK_LOSS = 12.0
 """Loss of a link between segments that is explained, at most: half of a χ² of twelve degrees of
@@ -100,10 +98,7 @@ class SegmentPoints:
         """
         extra = (slice(None), *(None,) * (offsets.ndim - 3))
         whitening = self.whitening[throws, segments][extra]
-        lengths = np.linalg.norm((whitening @ offsets[..., None])[..., 0], axis=-1)
-        lengths = np.nan_to_num(lengths, nan=FAILED_LENGTH, posinf=FAILED_LENGTH)
-        there = whitening.any(axis=(-2, -1))
-        return np.asarray(np.where(there, robust_loss(lengths), 0.0).sum(axis=-1))
+        return np.asarray(point_losses(whitening, offsets).sum(axis=-1))
 
     @property
     def largest_losses(self) -> NDArray[np.float64]:
@@ -150,8 +145,8 @@ class SegmentedThrows:
     points : of the segments
     seen : the same points, not cut
     radii : (A,) m, of the bounding spheres
-    first_states : (A, 13) as they were observed
-    first_precisions : (A, 12) of the components of the first states, in SI units
+    initial_states : (A, 13) as they were observed
+    initial_precisions : (A, 12) of the components of the initial states, in SI units
     simulations : of whole throws, so far
     """
 
@@ -167,12 +162,12 @@ class SegmentedThrows:
         self._worlds = group.worlds
         objects = [each.objects[0] for each in observations]
         self.radii = np.array([each.object.shape.bounding_radius for each in objects])
-        self.first_states = np.array([each.initial_state.to_vector() for each in objects])
-        self.first_precisions = np.full((len(observations), 12), EXACT_PRECISION)
+        self.initial_states = np.array([each.initial_state.to_vector() for each in objects])
+        self.initial_precisions = np.full((len(observations), 12), EXACT_PRECISION)
         for block in fit.model.blocks:
             components = block.initial_states.components
             precisions = block.prior_deviations[:, : components.shape[1]] ** -2.0
-            self.first_precisions[block.members[:, None], components] = precisions
+            self.initial_precisions[block.members[:, None], components] = precisions
         self.simulations = 0.0
 
     @property
@@ -182,13 +177,8 @@ class SegmentedThrows:
         return throws, segments
 
     def worlds(self, units: list[NDArray[np.float64]]) -> WorldBatch:
-        """Return the worlds of all throws with tables of θ_s, `units` (n,) on the unit cube."""
-        tables = self._worlds.taken(np.arange(0)).crossed(
-            [self._space.to_parameters(unit) for unit in units]
-        )
-        index = np.zeros(self._worlds.size, dtype=np.int64)
-        changes = {"density": tables.density, "coefficients": tables.coefficients}
-        return self._worlds.taken(np.arange(index.size), parameter_index=index, **changes)
+        """Return the worlds of all throws under each θ_s, `units` (n,), the first θ_s first."""
+        return self._worlds.crossed([self._space.to_parameters(unit) for unit in units])
 
     def simulated(
         self,
@@ -206,23 +196,14 @@ class SegmentedThrows:
         """
         n, m = states.shape[:2]
         relative = self.points.times[throws, segments]
-        counts = np.isfinite(relative).sum(axis=1)
-        every = np.arange(n)
-        asked = np.full((n, relative.shape[1] + 1), np.nan)
-        asked[:, :-1] = relative
-        asked[every, counts] = relative[every, counts - 1] + VELOCITY_STEP
         chosen = np.zeros(m, dtype=np.int64) if index is None else index
         taken = worlds.taken(
             np.repeat(throws, m),
             states=states.reshape(n * m, 1, 13),
             parameter_index=np.tile(chosen, n),
         )
-        rollout = self._simulator.rollout_batch(taken, np.repeat(asked, m, axis=0))
-        ends = states_at(rollout, np.repeat(counts - 1, m))[:, 0]
-        positions = rollout.positions[:, 0, :-1]
-        failed = rollout.status != WorldStatus.OK
-        ends[failed], positions[failed] = np.nan, np.nan
-        durations = relative[every, counts - 1] / np.nanmax(self.seen.times[throws], axis=1)
+        positions, ends = followed(self._simulator, taken, relative, m)
+        durations = np.nanmax(relative, axis=1) / np.nanmax(self.seen.times[throws], axis=1)
         self.simulations += m * float(durations.sum())
         offsets = positions.reshape(n, m, -1, 3) - self.points.observed[throws, segments][:, None]
         return offsets, ends.reshape(n, m, 13)
@@ -242,21 +223,32 @@ class SegmentedThrows:
         lengths = change(ends, states) / spreads
         return 0.5 * np.nan_to_num(lengths**2, nan=FAILED_LOSS).sum(axis=-1)
 
-    def first_losses(
+    def initial_losses(
         self, throws: NDArray[np.int64], states: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Losses (n, m) of first states (n, m, 13) of throws (n,), by what is known of them."""
-        apart = change(states, self.first_states[throws][:, None])
-        return 0.5 * (self.first_precisions[throws][:, None] * apart**2).sum(axis=-1)
+        """Losses (n, m) of initial states (n, m, 13) of throws (n,), by what is known of them."""
+        apart = change(states, self.initial_states[throws][:, None])
+        return 0.5 * (self.initial_precisions[throws][:, None] * apart**2).sum(axis=-1)
+
+    def link_spreads(
+        self,
+        throws: NDArray[np.int64],
+        before: NDArray[np.float64],
+        after: NDArray[np.float64],
+        level: float,
+    ) -> NDArray[np.float64]:
+        """Spreads (a, ..., 12) of links of throws (a,), between two states (a, ..., 13) each.
+
+        By the faster one, `before` (a, ..., 13) or `after` (a, ..., 13): what comes to rest was
+        chaotic just before.
+        """
+        scales = np.maximum(self.scales(throws, before), self.scales(throws, after))
+        return level * scales[..., None] * CHANGE_SPREADS
 
     def spreads(self, states: NDArray[np.float64], level: float) -> NDArray[np.float64]:
-        """Spreads (A, K, 12) of the links of paths, `states` (A, K, 13).
-
-        Each by the faster one of the two states: what comes to rest was chaotic just before.
-        """
-        scales = self.scales(np.arange(len(states)), states)
-        scales[:, :-1] = np.maximum(scales[:, :-1], scales[:, 1:])
-        return level * scales[..., None] * CHANGE_SPREADS
+        """Spreads (A, K, 12) of the links of paths, `states` (A, K, 13); the last has no next."""
+        following = np.concatenate([states[:, 1:], states[:, -1:]], axis=1)
+        return self.link_spreads(np.arange(len(states)), states, following, level)
 
     def losses(
         self,
@@ -282,7 +274,7 @@ class SegmentedThrows:
             ends[:, :-1][linked], states[:, 1:][linked], spreads[:, :-1][linked]
         )
         every = np.arange(len(states))
-        return PathLosses(points, links, self.first_losses(every, states[:, :1])[:, 0], ends)
+        return PathLosses(points, links, self.initial_losses(every, states[:, :1])[:, 0], ends)
 
     def explained(self, losses: PathLosses, lengths: NDArray[np.int64]) -> NDArray[np.int64]:
         """Number (A,) of segments of each throw before the first one that is not explained.

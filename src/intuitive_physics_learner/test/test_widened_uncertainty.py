@@ -8,14 +8,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from intuitive_physics.materials import StaticParameters
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
+from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner.joint_estimation.widened_uncertainty import (
     agreed_deviations,
+    deviations_by_value,
     information_about,
     jackknife_variances,
+    off_the_middle,
     widened_information,
 )
 from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
+from intuitive_physics_learner.search.search_space import ActiveSpace
+
+from .cases import MATERIALS
 
 ONES = np.ones(3)
 ANY = np.zeros(3)
@@ -146,3 +153,51 @@ def test_jackknife_variance_of_a_mean():
         information, np.array([0.5]), [*likelihoods, lone], np.ones(count + 1)
     )
     assert np.sqrt(variance) == pytest.approx(0.1, rel=0.05)
+
+
+@settings(deadline=None)
+@given(
+    arrays(float, 3, elements=st.floats(0.0, 1.0)),
+    arrays(float, (4, 3), elements=st.floats(-20.0, 20.0)),
+)
+def test_the_start_pulls_as_far_as_posterior_means_differ(start, rows):
+    """Those of N(start, 1/12) and N(1/2, 1/12) with the same likelihood, N(0.3, (rowsᵀ rows)⁻¹)."""
+    observed = Gaussian.about(np.full(3, 0.3), rows.T @ rows)
+    of_start, of_middle = (
+        Gaussian.within_bounds(centre).joined(observed) for centre in (start, np.full(3, 0.5))
+    )
+    off = off_the_middle(of_start.covariance, start)
+    np.testing.assert_allclose(off, of_middle.mean - of_start.mean, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def axes():
+    """An axis of rolling friction, which is logarithmic, and one of restitution."""
+    space = ParameterSpace(MATERIALS)
+    active = np.isin(space.names, ["rolling_friction[ball, floor]", "restitution[ball, floor]"])
+    return ActiveSpace(space, active, StaticParameters.uniform(MATERIALS))
+
+
+@settings(deadline=None)
+@given(st.floats(0.02, 0.2), st.floats(0.3, 0.9))
+def test_distributions_of_values_have_tails_on_a_logarithmic_axis(axes, deviation, place):
+    """Their mean square is ∫ (u - û)² p du, p ∝ exp(-(ρ(u) - ρ(û))² / (2 (ρ'(û) σ)²)).
+
+    With ρ ∝ r^u, (ρ(u) - ρ(û)) / ρ'(û) is (r^(u - û) - 1) / ln r. The sum over 101 places has an
+    error of the order of the square of their distance over σ.
+    """
+    unit, deviations = np.full(2, place), np.full(2, deviation)
+    wider = deviations_by_value(axes, unit, deviations)
+    least, most = (axes.values(np.full(2, end))[0] for end in (0.0, 1.0))
+    u, growth = np.linspace(0.0, 1.0, 20_001), np.log(most / least)
+    lengths = (np.exp(growth * (u - place)) - 1.0) / growth / deviation
+    expected = np.sqrt(np.average((u - place) ** 2, weights=np.exp(-0.5 * lengths**2)))
+    assert wider[0] == pytest.approx(max(expected, deviation), rel=0.05)
+    assert wider[1] == pytest.approx(deviation)
+
+
+def test_what_is_known_well_has_no_tail(axes):
+    deviations = np.full(2, 0.002)
+    np.testing.assert_array_equal(
+        deviations_by_value(axes, np.full(2, 0.4), deviations), deviations
+    )

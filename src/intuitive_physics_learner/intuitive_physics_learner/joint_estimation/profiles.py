@@ -59,6 +59,15 @@ LARGEST_PLATEAU_RISE = 0.5
 """Change of the loss between two places up to which motion is taken to be the same at both: noise
 of its minimisation; set by hand."""
 
+LARGEST_PLATEAU_SHARE = 0.1
+"""The same as a share of how far the loss is above that of the estimate, where initial states have
+taken a single step: 25.7 and 27.9 where both fall to 17 below it once all is fitted to them; set by
+hand."""
+
+LARGEST_FITTED_RISE = 100.0
+"""Rise of the loss after that step up to which fitting all else may make a place plausible; set by
+hand."""
+
 
 def curvature_posterior(fit: JointFit) -> Gaussian:
     """Return the posterior about an estimate, by slopes over wider steps than those of a fit.
@@ -148,8 +157,10 @@ def _plausible_plateaus(
         fit.model, fit.estimate, linear, places, fit.weights, asked, present_too=True
     )
     changes -= fit.prior.rises(unit, away)
-    alike = np.abs(changes[:, :2] - changes[:, 2:]) < LARGEST_PLATEAU_RISE
-    found = np.argwhere(left & alike)
+    at_bound = changes[:, :2]
+    slack = np.maximum(LARGEST_PLATEAU_RISE, LARGEST_PLATEAU_SHARE * at_bound)
+    alike = np.abs(at_bound - changes[:, 2:]) < slack
+    found = np.argwhere(left & alike & (at_bound < LARGEST_FITTED_RISE))
     rises = np.full(room.shape, np.inf)
     if len(found):
         rises[tuple(found.T)] = fit.rises_at([(int(k), float(places[k, s])) for k, s in found])

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.parameter_posterior import LARGEST_DEVIATION, UNIFORM_PRECISION
 from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
+from intuitive_physics_learner.search.search_space import ActiveSpace
 
 FAMILY_WEIGHT = 3.0
 """Number of parameters as which the typical disagreement of the half counts against that of a
@@ -33,6 +34,9 @@ parameter's own family; set by hand."""
 LARGEST_CHANCE_RATIO = 2.0
 """Ratio of the half's distance from the estimate to its expectation beyond which that distance is
 itself the uncertainty; set by hand."""
+
+PLACES = 101
+"""Places along an axis of the unit cube at which a distribution is evaluated."""
 
 NORMAL_MEDIAN = 0.6745
 """Median of |x| for x of the standard normal distribution."""
@@ -118,6 +122,43 @@ def jackknife_variances(
         squares[parameters] += (mean - prior.mean[parameters]) ** 2
         counts[parameters] += 1.0
     return squares * np.maximum(counts - 1.0, 0.0) / np.maximum(counts, 1.0)
+
+
+def off_the_middle(
+    covariance: NDArray[np.float64], start: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return how far (n,) in widths the start has pulled an estimate from where the middle would.
+
+    Bounds count as a normal distribution about the start, with the variance of a uniform one. Only
+    about the middle it would also have the mean of that.
+
+    `covariance` (n, n) widths², of the posterior; `start` (n,) on the unit cube.
+    """
+    return np.asarray(UNIFORM_PRECISION * covariance @ (0.5 - start))
+
+
+def deviations_by_value(
+    space: ActiveSpace, unit: NDArray[np.float64], deviations: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return standard deviations (n,), in widths, of what is normal in SI units within bounds.
+
+    Motion depends on a parameter by its value, and where that is known to the half of it, hardly
+    anything says that it is not a tenth: on a logarithmic axis the distribution has a long tail.
+
+    `unit` (n,) the estimate; `deviations` (n,) widths, by slopes there, than which none is smaller.
+    """
+    along, wider = np.linspace(0.0, 1.0, PLACES), deviations.copy()
+    for axis in np.flatnonzero(deviations > along[1]):
+        points = np.tile(unit, (PLACES, 1))
+        points[:, axis] = along
+        values = np.array([space.values(point)[axis] for point in points])
+        here = np.interp(unit[axis], along, values)
+        slope = np.interp(unit[axis], along, np.gradient(values, along))
+        apart = np.maximum(slope, np.finfo(float).tiny) * deviations[axis]
+        likelihoods = np.exp(-0.5 * ((values - here) / apart) ** 2)
+        mean_square = np.average((along - unit[axis]) ** 2, weights=likelihoods)
+        wider[axis] = max(deviations[axis], np.sqrt(mean_square))
+    return wider
 
 
 def widened_information(

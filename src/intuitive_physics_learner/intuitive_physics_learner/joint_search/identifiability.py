@@ -3,7 +3,8 @@
 To what slopes at an estimate say is added by what fits from other starts differ that explain the
 observations as well (`several_starts`). But all fits to the same observations have errors in
 common, so half of the observations is fitted as well, from where the best fit began
-(`agreed_deviations`). What lies beyond a kink is found by the profile of the loss (`profiles`);
+(`agreed_deviations`), and how the estimate varies without each of them is added
+(`jackknife_variances`). What lies beyond a kink is found by the profile of the loss (`profiles`);
 within an interval that is one-sided the half cannot disagree, nor need it be bound by slopes.
 
 A search that lowers J takes initial states as they were seen, and ends elsewhere than a fit, the
@@ -40,6 +41,7 @@ from intuitive_physics_learner.joint_estimation.widened_uncertainty import (
     agreed_deviations,
     information_about,
     jackknife_variances,
+    off_the_middle,
     widened_information,
 )
 from intuitive_physics_learner.joint_search.staged_fit import StagedFit
@@ -48,7 +50,7 @@ from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
 FEWEST_OBSERVATIONS = 4
-"""Observations from which on the fit to half of them is compared: two in each half."""
+"""Observations from which on fits to parts of them are compared: two in each half."""
 
 SLOPE_STEP = 1e-5
 """Width of the differences that find how θ_s changes along an axis of the unit cube."""
@@ -123,10 +125,7 @@ def identifiability_of_optimum(
             break
     posterior = curvature_posterior(fit)
     free, ends = one_sided_moves(fit, posterior.deviations)
-    likelihoods = fit.likelihoods()
-    observed = Gaussian.nothing(unit.size).plus(likelihoods, fit.weights)
-    left_out = jackknife_variances(observed, fit.prior.mean, likelihoods, fit.weights)
-    deviations = np.sqrt(np.maximum(ends**2, left_out))
+    deviations = np.sqrt(np.maximum(ends**2, _left_out(fit)))
     stated = _stated(task, fit, unit, posterior, free, deviations)
     responsive = stated.responsive.copy()
     responsive[task.active] |= _changes_cost(task, unit)
@@ -154,7 +153,9 @@ def _stated(
     one_sided = is_one_sided(moves, away)
     deviations = np.minimum(deviations, fit.prior.deviations)
     factors = deviations / posterior.deviations
-    covariance = posterior.covariance * np.outer(factors, factors) + np.outer(beyond, beyond)
+    covariance = posterior.covariance * np.outer(factors, factors)
+    off = off_the_middle(covariance, fit.prior.mean)
+    covariance += np.outer(off, off) + np.outer(beyond, beyond)
     slopes = _slopes(searched, unit)
     in_si_units = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
     responsive = active.copy()
@@ -177,6 +178,13 @@ def _stated(
     return Identifiability(
         responsive, identified, np.where(identified, in_si_units, np.nan), intervals, information
     )
+
+
+def _left_out(fit: JointFit) -> NDArray[np.float64]:
+    """Return how the estimate varies without each of the observations, variances (n,), widths²."""
+    likelihoods, bounds = fit.likelihoods(), Gaussian.within_bounds(fit.prior.mean)
+    known = fit.prior.joined(bounds, -1.0).plus(likelihoods, fit.weights)
+    return jackknife_variances(known, fit.prior.mean, likelihoods, fit.weights)
 
 
 def balanced_half(influence: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -203,9 +211,10 @@ def _agreed(
     task: LearningTask,
     out_of_time: Callable[[], bool],
 ) -> NDArray[np.float64]:
-    """Fit half of the observations, and return the deviations (n,) with which it agrees.
+    """Return deviations (n,) with which parts of the observations agree.
 
-    Of those that are known beforehand the half knows as much.
+    These are half of them, which is fitted, and all but one. Of those that are known beforehand
+    each part knows as much.
     """
     counted = np.flatnonzero(staged.task.counted)
     if counted.size < FEWEST_OBSERVATIONS:
@@ -218,7 +227,8 @@ def _agreed(
         half.step()
     said = curvature_posterior(half.joint)
     families = _families(task.searched.names)
-    return agreed_deviations(staged.joint.unit, deviations, said, families, free)
+    by_half = agreed_deviations(staged.joint.unit, deviations, said, families, free)
+    return np.sqrt(by_half**2 + _left_out(staged.joint))
 
 
 def _changes_cost(task: LearningTask, unit: NDArray[np.float64]) -> NDArray[np.bool_]:

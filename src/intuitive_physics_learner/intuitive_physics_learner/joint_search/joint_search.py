@@ -47,7 +47,8 @@ HALF_SHARE = 0.75
 time take longer each."""
 
 SEGMENT_SHARE = 0.5
-"""Share of the time left that the fit of one object in segments may take; set by hand."""
+"""Share of the time left that the fit of one object in segments may take, where others are to be
+fitted with it; set by hand. By itself it may take all of it."""
 
 SEARCH_SHARE = 0.5
 """Share of a time limit in which fits from several starts should end. The rest is left for choosing
@@ -167,7 +168,9 @@ class JointSearch(Search):
 
     def identifiability_seconds(self, task: LearningTask, seconds: float) -> float:
         """How long `identifiability` will take, if the search has taken `seconds`."""
-        judged = HALF_SHARE * self._staged.best_simulations + 1.5 * curvature_simulations(self.fit)
+        judged = HALF_SHARE * self._staged.repeated_simulations + 1.5 * curvature_simulations(
+            self.fit
+        )
         judged += move_simulations(self.fit) + self._staged.jointly.choice_simulations
         if task.start_was_learned:
             judged += self.fit.held_simulations
@@ -194,7 +197,8 @@ class JointSearch(Search):
             return None
         spent = time.monotonic() - self._began
         seconds = segment_simulations(fit) * spent / max(self._staged.simulations, 1.0)
-        if seconds > SEGMENT_SHARE * (self._time_limit - spent):
+        share = 1.0 if fit is self.fit else SEGMENT_SHARE
+        if seconds > share * (self._time_limit - spent):
             return None
         return SegmentedFit(fit, self._simulator, self._generator.spawn(1)[0])
 

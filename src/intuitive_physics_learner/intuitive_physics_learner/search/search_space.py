@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from intuitive_physics.materials import PAIR_COEFFICIENTS, StaticParameters
-from intuitive_physics.parameter_space import ParameterSpace
+from intuitive_physics.parameter_space import ParameterSpace, parameter_vector
 
 STATIC, DYNAMIC = map(PAIR_COEFFICIENTS.index, ("static_friction", "dynamic_friction"))
 """Indices of μ_s and μ_d among the coefficients of a pair."""
@@ -75,6 +75,10 @@ class ActiveSpace:
         coefficients[STATIC] = static
         coefficients[DYNAMIC] = np.minimum(coefficients[DYNAMIC], static)
         return StaticParameters(parameters.materials, parameters.density, coefficients)
+
+    def values(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the parameters (size,) of the axes at a point of the cube (size,), in SI units."""
+        return parameter_vector(self.to_parameters(unit))[self._places]
 
     def to_unit(self, parameters: StaticParameters) -> NDArray[np.float64]:
         """Map θ_s to the cube, (size,) coordinates from 0 to 1."""

@@ -22,6 +22,7 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
     reduced_equations,
 )
 from intuitive_physics_learner.joint_estimation.widened_uncertainty import (
+    deviations_by_value,
     jackknife_variances,
     widened_information,
 )
@@ -46,8 +47,8 @@ FIRST_LEVEL, LAST_LEVEL = 4.0, 0.2
 """Spread of links at first and at last, in `chaotic_states.SPREADS`. At 4 a filter follows boxes to
 their end at the θ_s at which a fit of initial states has stopped, at 1 to a third of it."""
 
-ANNEALING = 0.83
-"""Factor on the spread after a step at which θ_s has settled; from 0.8 to 0.88 the same errors;
+ANNEALING = 0.75
+"""Factor on the spread after a step at which θ_s has settled; from 0.7 to 0.88 the same errors;
 set by hand."""
 
 SETTLED_DECREMENT = 1.0
@@ -66,7 +67,7 @@ LARGEST_STATE_STEP = 10.0
 AVERAGED = 4
 """Steps that the result is the mean over; set by hand."""
 
-EARLIER = 6
+EARLIER = 4
 """Steps before the last ones with which these are compared: the spread of links was three times as
 large then."""
 
@@ -77,7 +78,7 @@ USABLE_LEVEL = 1.0
 """Spread of links from which on the result is better than that of a fit of single states, where the
 time ends before the last one; set by hand."""
 
-SIMULATIONS = 900
+SIMULATIONS = 450
 """Simulations of whole throws that take as long as a fit in segments of one of them."""
 
 
@@ -105,7 +106,7 @@ class SegmentedFit:
     """
 
     def __init__(self, fit: JointFit, simulator: Simulator, generator: np.random.Generator) -> None:
-        self._prior, self._generator = fit.prior, generator
+        self._prior, self._space, self._generator = fit.prior, fit.model.space, generator
         self.throws = SegmentedThrows(fit, simulator)
         self.unit, self.deviations = fit.unit.copy(), fit.deviations.copy()
         self.level, self.steps = FIRST_LEVEL, 0
@@ -135,7 +136,8 @@ class SegmentedFit:
         """Return what all throws say of θ_s: with the prior of the fit, the mean of the last steps.
 
         To the variances by slopes are added those of the jackknife, for throws that have taken a
-        wrong turn, and the square of what θ_s has moved while links became more exact.
+        wrong turn, and the square of what θ_s has moved while links became more exact. They are
+        those of values in SI units.
         """
         mean = np.mean(self._units[-AVERAGED:], axis=0)
         earlier = np.mean(self._units[-AVERAGED - EARLIER : -EARLIER] or self._units[:1], axis=0)
@@ -143,6 +145,7 @@ class SegmentedFit:
         slopes = np.diag(observed.bounded(mean).covariance)
         left_out = jackknife_variances(observed, mean, self._said, self._weights)
         deviations = np.sqrt(slopes + left_out + (mean - earlier) ** 2)
+        deviations = deviations_by_value(self._space, np.clip(mean, 0.0, 1.0), deviations)
         factors = deviations / np.sqrt(slopes)
         precision = widened_information(observed.precision, factors, deviations)
         # Where the whole loss is least, the throws pull as the prior does, to the other side.

@@ -29,8 +29,8 @@ from intuitive_physics_perception.detection.sphere_fit import (
     BEHIND_SIGMAS,
     GATES,
     INLIER_SIGMAS,
+    normal_where_met,
     surface_error,
-    write_normal,
 )
 
 SWEEP_STEPS = 12
@@ -263,7 +263,9 @@ def fit_sweep(
             if error * error > gate * gate * variance or ahead < -BEHIND_SIGMAS * spread:
                 continue
             inliers += 1
-            write_normal(row, x, y, z, ahead, sine, now)
+            row[0], row[1], row[2] = normal_where_met(
+                x, y, z, ahead, sine, now[0], now[1], now[2], now[3]
+            )
             for a in range(3):
                 row[4 + a] = time * row[a]
             within = sqrt(max(1.0 - sine * sine, 0.0))

@@ -45,6 +45,9 @@ SMALLEST_GROWTH = 1e-7
 SURFACE_VARIANCE = 1e-8
 """Variance of the surface in m²: keeps residuals finite where the noise vanishes, numerical."""
 
+CLEARLY = 1e-5
+"""Part by which a ray passes a sphere in any case: numerical, single precision is finer."""
+
 BLOCK = 256
 """Readings that are compared with a sphere together: a distance between their rows that is known
 before lets the compiler write vector code, and they fit into the nearest cache."""
@@ -105,6 +108,16 @@ def surface_error(
         + SURFACE_VARIANCE
     )
     return off - r - second, spread, sqrt(variance), ahead, sqrt(sine2)
+
+
+@inlined
+def passes_by(x: float, y: float, z: float, cx: float, cy: float, cz: float, reach: float) -> bool:
+    """Return whether a ray leads away from a sphere's centre or passes it clearly farther off than
+    `reach`, m: a product where `surface_error` takes roots and divides."""
+    toward = x * cx + y * cy + z * cz
+    length2 = (x * x + y * y + z * z) * (cx * cx + cy * cy + cz * cz - reach * reach)
+    # NaN compares false with everything.
+    return not (toward > 0.0 and toward * toward >= (1.0 - CLEARLY) * length2)
 
 
 @inlined
@@ -369,7 +382,7 @@ def readings_beyond(points: Any, sphere: Any, noise: Any) -> Any:
     count = 0
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        if not x * cx + y * cy + z * cz > 0.0:
+        if passes_by(x, y, z, cx, cy, cz, 1.5 * r):
             continue
         _, _, deviation, ahead, sine = surface_error(x, y, z, cx, cy, cz, r, noise)
         if 0.6 < sine < 1.5 and ahead < -BEHIND_SIGMAS * deviation - 0.3 * r:

@@ -144,7 +144,7 @@ class ForegroundFinder:
             free, changes = self._free_of(points), self._changes
             is_known = changes is not None and changes.shape == free.shape
             limits = changes if is_known else np.zeros_like(free)
-            marks, readings = _foreground(points, free, limits, self._limits)
+            marks, readings = _foreground(points.reshape(-1), free, limits, self._limits)
             return marks, readings, is_known
         flat, is_known = points.reshape(-1, 3), self._map is not None
         before, readings = self._planes.readings_before(flat, continued=is_known)
@@ -215,26 +215,25 @@ def changed_ranges(before: NDArray[np.float32], noise: RangeNoise) -> NDArray[np
 
 
 @allocating_entry
-def _foreground(points: Any, free: Any, changes: Any, limits: Any) -> tuple[Any, int]:
+def _foreground(numbers: Any, free: Any, changes: Any, limits: Any) -> tuple[Any, int]:
     """Mark points in range and before all planes, which begin at the squared range `free`, as NEW
     below the squared range `changes`, as KNOWN beyond it and as UNKNOWN where that is NaN.
 
-    No branch, which the compiler turns into vector code.
+    `numbers` (3 height width,) m, coordinates of the points in a row; `free` and `changes` (height,
+    width) m². No branch, and one row, which the compiler turns into vector code.
     """
-    height, width = free.shape
-    min_range2, max_range2 = limits[0], limits[1]
-    mask = np.empty((height, width), dtype=np.uint8)
+    mask = np.empty(free.shape, dtype=np.uint8)
+    flat, nearest, before = mask.reshape(-1), free.reshape(-1), changes.reshape(-1)
+    least2, most2 = limits[0], limits[1]
     readings = 0
-    for v in range(height):
-        for u in range(width):
-            x, y, z = points[v, u, 0], points[v, u, 1], points[v, u, 2]
-            range2 = x * x + y * y + z * z
-            # NaN compares false with everything.
-            read = (range2 >= min_range2) & (range2 <= max_range2)
-            change = changes[v, u]
-            mark = KNOWN + (range2 < change) + (UNKNOWN - KNOWN) * np.isnan(change)
-            mask[v, u] = (read & (range2 < free[v, u])) * mark
-            readings += read
+    for i in range(flat.size):
+        x, y, z = numbers[3 * i], numbers[3 * i + 1], numbers[3 * i + 2]
+        range2 = x * x + y * y + z * z
+        # NaN compares false with everything.
+        read = (range2 >= least2) & (range2 <= most2)
+        mark = KNOWN + (range2 < before[i]) + (UNKNOWN - KNOWN) * np.isnan(before[i])
+        flat[i] = (read & (range2 < nearest[i])) * mark
+        readings += read
     return mask, readings
 
 

@@ -184,11 +184,10 @@ class SphereFinder:
 
         `points` in m, in the sensor's frame.
         """
-        for cluster, new in zip(clusters.indices, clusters.new, strict=True):
-            view = ClusterView(points, cluster, clusters.marks)
-            away = np.linalg.norm(view.readings - start.sphere[:3], axis=1)
-            if not new or away.min() >= EXPECTED_REACH * start.sphere[3]:
-                continue
+        reach = start.sphere * [1.0, 1.0, 1.0, EXPECTED_REACH]
+        near = reached_by(points.reshape(-1, 3), *clusters.in_a_row, reach[None])[:, 0]
+        for k in np.flatnonzero(near & clusters.new):
+            view = ClusterView(points, clusters.indices[k], clusters.marks)
             part = self._fitter.part_inside(view, start)
             if part.total < self._settings.min_points:
                 continue

@@ -184,10 +184,11 @@ class SphereFinder:
 
         `points` in m, in the sensor's frame.
         """
-        reach = start.sphere * [1.0, 1.0, 1.0, EXPECTED_REACH]
-        near = reached_by(points.reshape(-1, 3), *clusters.in_a_row, reach[None])[:, 0]
-        for k in np.flatnonzero(near & clusters.new):
-            view = ClusterView(points, clusters.indices[k], clusters.marks)
+        near = _followed_in(points.reshape(-1, 3), *clusters.in_a_row, [start])
+        for k, cluster in enumerate(clusters.indices):
+            if not (near[k] and clusters.new[k]):
+                continue
+            view = ClusterView(points, cluster, clusters.marks)
             part = self._fitter.part_inside(view, start)
             if part.total < self._settings.min_points:
                 continue

@@ -1,4 +1,4 @@
-"""Kernels about spheres say what arrays do: the fit, which rays pass it, and round outlines."""
+"""Kernels about spheres say what arrays do: the fit, which rays pass it, and outlines."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.ndimage import distance_transform_edt
 
 from intuitive_physics_perception.detection.sphere_fit import (
     BEHIND_SIGMAS,
@@ -18,6 +19,7 @@ from intuitive_physics_perception.detection.sphere_fit import (
     passes_by,
     refine_sphere,
 )
+from intuitive_physics_perception.detection.sphere_hypotheses import depths_of
 from intuitive_physics_perception.detection.spheres import roundness_of
 from intuitive_physics_perception.detection.swept_sphere import passing_way
 
@@ -150,3 +152,13 @@ def test_rays_pass_the_nearest_place_on_a_way(seed) -> None:
     passed = passing_way(points, place, way)
     assert np.all(passed <= nearest + 1e-9)
     assert passed == pytest.approx(nearest, abs=1e-3)
+
+
+@given(st.integers(0, 10_000), st.integers(3, 40), st.integers(3, 40), st.floats(0.0, 1.0))
+def test_depths_are_distances_to_the_nearest_pixel_outside(seed, height, width, filled) -> None:
+    inside = np.zeros((height, width), dtype=bool)
+    inside[1:-1, 1:-1] = np.random.default_rng(seed).random((height - 2, width - 2)) < filled
+    rows, columns = np.nonzero(inside)
+    assert np.array_equal(
+        depths_of(inside, rows, columns), distance_transform_edt(inside)[rows, columns]
+    )

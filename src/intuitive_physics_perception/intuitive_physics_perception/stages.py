@@ -16,6 +16,7 @@ from intuitive_physics_perception.environment.environment_model import Environme
 from intuitive_physics_perception.environment.known_space import KnownSpace
 from intuitive_physics_perception.environment.static_boxes import StaticBoxFilter
 from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_perception.tracking.supports import surfaces_of
 
 
 class Stages:
@@ -70,11 +71,12 @@ class Stages:
         return self.static_boxes.without(points, self.foreground.find(points))
 
     def prepare(self, points: NDArray[np.float32]) -> None:
-        """Find where each pixel's ray meets a plane and search the first clusters: later frames
-        need not wait for it.
+        """Find where each pixel's ray meets a plane and the surfaces on which objects move, and
+        search the first clusters: later frames need not wait for it.
 
         `points` (height, width, 3) m, of a frame.
         """
+        surfaces_of(self.model.environment)
         for _ in range(FIRST_SEARCHES):
             spheres = self.spheres.find(points, self.clusters(points))
             all_objects(points, spheres, self.solids)

@@ -87,10 +87,8 @@ class RigidTransform:
 
     def difference(self, other: RigidTransform) -> tuple[float, float]:
         """Return how far another transform is from this one: shift in m, and angle in rad."""
-        between = self.inverse.after(other)
-        angle = 2.0 * np.arctan2(
-            np.linalg.norm(between.orientation[:3]), abs(between.orientation[3])
-        )
+        between = quaternion_product(self.orientation * CONJUGATE, other.orientation)
+        angle = 2.0 * np.arctan2(np.linalg.norm(between[:3]), abs(between[3]))
         return float(np.linalg.norm(other.translation - self.translation)), float(angle)
 
 

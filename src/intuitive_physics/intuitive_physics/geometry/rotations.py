@@ -63,14 +63,12 @@ def quaternion_product(second: ArrayLike, first: ArrayLike) -> NDArray[np.float6
     ----------
     second, first : (…, 4) unit quaternions of shapes that broadcast
     """
-    x1, y1, z1, w1 = np.moveaxis(np.asarray(second, dtype=np.float64), -1, 0)
-    x2, y2, z2, w2 = np.moveaxis(np.asarray(first, dtype=np.float64), -1, 0)
-    return np.stack(
-        [
-            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
-            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
-            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
-            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
-        ],
-        axis=-1,
-    )
+    q2, q1 = np.asarray(second, dtype=np.float64), np.asarray(first, dtype=np.float64)
+    x1, y1, z1, w1 = q2[..., 0], q2[..., 1], q2[..., 2], q2[..., 3]
+    x2, y2, z2, w2 = q1[..., 0], q1[..., 1], q1[..., 2], q1[..., 3]
+    product = np.empty((*np.broadcast_shapes(q2.shape[:-1], q1.shape[:-1]), 4))
+    product[..., 0] = w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2
+    product[..., 1] = w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2
+    product[..., 2] = w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2
+    product[..., 3] = w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2
+    return product

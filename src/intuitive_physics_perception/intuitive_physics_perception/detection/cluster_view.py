@@ -95,9 +95,7 @@ class ClusterView:
         """Return readings (n, 3) m about a sphere (4,), which of them (n,) are the cluster's,
         their marks (n,), 0 where nothing is known, and how many each stands for."""
         near, each = self._near(sphere)
-        in_cluster = np.zeros(self.points.shape[:2], dtype=bool)
-        in_cluster.ravel()[self.cluster] = True
-        own = in_cluster[near].ravel()
+        own = self._in_cluster[near].ravel()
         marks = np.zeros(own.size, np.uint8) if self.marks is None else self.marks[near].ravel()
         return self._read(near), own, marks, each
 
@@ -141,6 +139,13 @@ class ClusterView:
         indices = readings_in_cone(self.points[0], axis.astype(np.float32), cosine2)
         self._last_cone = axis, angle, indices
         return np.asarray(indices)
+
+    @cached_property
+    def _in_cluster(self) -> NDArray[np.bool_]:
+        """Marks (height, width) of the cluster's points."""
+        marks = np.zeros(self.points.shape[:2], dtype=bool)
+        marks.ravel()[self.cluster] = True
+        return marks
 
     @cached_property
     def _directions(self) -> NDArray[np.float32]:

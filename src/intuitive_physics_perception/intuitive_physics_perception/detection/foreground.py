@@ -62,8 +62,7 @@ class Clusters:
     def in_a_row(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Indices (n,) of the points of all clusters, one after another, and where each begins in
         them, (number of clusters + 1,)."""
-        starts = np.cumsum([0, *map(len, self.indices)], dtype=np.int64)
-        return np.concatenate([np.zeros(0, dtype=np.int64), *self.indices]), starts
+        return _in_a_row(self.indices)
 
     @property
     def unknown(self) -> int:
@@ -93,7 +92,6 @@ class ForegroundFinder:
         self._space = space
         self._limits = limits_of(model.noise, settings)
         self._free = np.zeros((0, 0), dtype=np.float32)
-        self._known = np.zeros((0, 0), dtype=bool)
         self._changes = None if before is None else changed_ranges(before, model.noise)
         self.look_from(model, has_moved=False)
 
@@ -130,13 +128,13 @@ class ForegroundFinder:
             shown = self._objects[groups.ravel()[self._objects] > 0]
             groups.ravel()[shown], fresh.ravel()[shown] = NEW, True
         indices = self._clusters(points, groups)
-        flat = fresh.ravel()
-        new = [
-            is_known and 2 * int(np.count_nonzero(flat[cluster])) > len(cluster)
-            for cluster in indices
-        ]
+        new = is_known & _mostly(fresh.ravel(), *_in_a_row(indices))
         return Clusters(
-            indices, new, int(np.count_nonzero(marks)), readings, marks if is_known else None
+            indices,
+            new.tolist(),
+            int(np.count_nonzero(marks)),
+            readings,
+            marks if is_known else None,
         )
 
     def _marks(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], int, bool]:
@@ -146,7 +144,7 @@ class ForegroundFinder:
             free, changes = self._free_of(points), self._changes
             is_known = changes is not None and changes.shape == free.shape
             limits = changes if is_known else np.zeros_like(free)
-            marks, readings = _foreground(points, free, limits, self._limits)
+            marks, readings = _foreground(points.reshape(-1), free, limits, self._limits)
             return marks, readings, is_known
         flat, is_known = points.reshape(-1, 3), self._map is not None
         before, readings = self._planes.readings_before(flat, continued=is_known)
@@ -157,14 +155,14 @@ class ForegroundFinder:
         return marks.reshape(points.shape[:2]), readings, is_known
 
     def _free_of(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Squared range (height, width) m² at which each ray, always the same, meets a plane."""
+        """Squared range (height, width) m² at which each ray, always the same, meets a plane; NaN
+        where none was read yet."""
         if self._free.shape != points.shape[:2]:
-            self._free = np.zeros(points.shape[:2], dtype=np.float32)
-            self._known = np.zeros(points.shape[:2], dtype=bool)
-        new = np.isfinite(points[:, :, 2]) & ~self._known
-        if new.any():
-            self._free[new] = np.square(self._planes.free_ranges(points[new]))
-            self._known |= new
+            self._free = np.full(points.shape[:2], np.nan, dtype=np.float32)
+        flat, free = points.reshape(-1, 3), self._free.reshape(-1)
+        new = np.flatnonzero(np.isfinite(flat[:, 2]) & np.isnan(free))
+        if new.size:
+            free[new] = np.square(self._planes.free_ranges(flat[new]))
         return self._free
 
     def _clusters(
@@ -186,6 +184,27 @@ class ForegroundFinder:
         return sorted(parts, key=len, reverse=True)
 
 
+def _in_a_row(
+    indices: Sequence[NDArray[np.int64]],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """As `Clusters.in_a_row`."""
+    starts = np.cumsum([0, *map(len, indices)], dtype=np.int64)
+    return np.concatenate([np.zeros(0, dtype=np.int64), *indices]), starts
+
+
+@allocating_entry
+def _mostly(chosen: Any, order: Any, starts: Any) -> Any:
+    """Mark (k,) clusters, as `Clusters.in_a_row` has them, more than half of whose points are
+    chosen, (n,)."""
+    marked = np.empty(starts.size - 1, dtype=np.bool_)
+    for k in range(starts.size - 1):
+        count = 0
+        for j in range(starts[k], starts[k + 1]):
+            count += chosen[order[j]]
+        marked[k] = 2 * count > starts[k + 1] - starts[k]
+    return marked
+
+
 def changed_ranges(before: NDArray[np.float32], noise: RangeNoise) -> NDArray[np.float32]:
     """Squared range (height, width) m² below which a reading differs from the one before.
 
@@ -196,26 +215,25 @@ def changed_ranges(before: NDArray[np.float32], noise: RangeNoise) -> NDArray[np
 
 
 @allocating_entry
-def _foreground(points: Any, free: Any, changes: Any, limits: Any) -> tuple[Any, int]:
+def _foreground(numbers: Any, free: Any, changes: Any, limits: Any) -> tuple[Any, int]:
     """Mark points in range and before all planes, which begin at the squared range `free`, as NEW
     below the squared range `changes`, as KNOWN beyond it and as UNKNOWN where that is NaN.
 
-    No branch, which the compiler turns into vector code.
+    `numbers` (3 height width,) m, coordinates of the points in a row; `free` and `changes` (height,
+    width) m². No branch, and one row, which the compiler turns into vector code.
     """
-    height, width = free.shape
-    min_range2, max_range2 = limits[0], limits[1]
-    mask = np.empty((height, width), dtype=np.uint8)
+    mask = np.empty(free.shape, dtype=np.uint8)
+    flat, nearest, before = mask.reshape(-1), free.reshape(-1), changes.reshape(-1)
+    least2, most2 = limits[0], limits[1]
     readings = 0
-    for v in range(height):
-        for u in range(width):
-            x, y, z = points[v, u, 0], points[v, u, 1], points[v, u, 2]
-            range2 = x * x + y * y + z * z
-            # NaN compares false with everything.
-            read = (range2 >= min_range2) & (range2 <= max_range2)
-            change = changes[v, u]
-            mark = KNOWN + (range2 < change) + (UNKNOWN - KNOWN) * np.isnan(change)
-            mask[v, u] = (read & (range2 < free[v, u])) * mark
-            readings += read
+    for i in range(flat.size):
+        x, y, z = numbers[3 * i], numbers[3 * i + 1], numbers[3 * i + 2]
+        range2 = x * x + y * y + z * z
+        # NaN compares false with everything.
+        read = (range2 >= least2) & (range2 <= most2)
+        mark = KNOWN + (range2 < before[i]) + (UNKNOWN - KNOWN) * np.isnan(before[i])
+        flat[i] = (read & (range2 < nearest[i])) * mark
+        readings += read
     return mask, readings
 
 
@@ -315,10 +333,12 @@ def grid_clusters(
     """
     height, width = mask.shape
     _, _, constant2, quadratic2, limit2 = limits
-    label = np.full((height, width), -1, dtype=np.int32)
+    pixels, labels = np.empty(mask.size, dtype=np.int64), np.empty(mask.size, dtype=np.int32)
+    parent = np.empty(mask.size, dtype=np.int32)
+    # Of two rows: what is above a pixel is all that is asked for.
+    label = np.empty((2, width), dtype=np.int32)
     ranges = np.empty((2, width), dtype=np.float32)
-    parent = np.empty(height * width, dtype=np.int32)
-    count = 0
+    count = found = 0
     for v in range(height):
         now, before = v & 1, 1 - (v & 1)
         for u in range(width):
@@ -335,10 +355,10 @@ def grid_clusters(
                 i, j = v + dv, u + du
                 if i < 0 or j < 0 or j >= width or mask[i, j] != mask[v, u]:
                     continue
-                other = ranges[now, j] if dv == 0 else ranges[before, j]
-                if abs(own - other) > jump:
+                row = now if dv == 0 else before
+                if label[row, j] == best or abs(own - ranges[row, j]) > jump:
                     continue
-                root = _root(parent, label[i, j])
+                root = _root(parent, label[row, j])
                 if best < 0:
                     best = root
                 elif root != best:
@@ -348,8 +368,10 @@ def grid_clusters(
                 best = count
                 parent[count] = count
                 count += 1
-            label[v, u] = best
-    return _gathered(label, parent, count, min_points)
+            label[now, u] = labels[found] = best
+            pixels[found] = v * width + u
+            found += 1
+    return _gathered(pixels[:found], labels[:found], parent[:count], min_points)
 
 
 @kernel
@@ -361,14 +383,17 @@ def _root(parent: Any, i: int) -> int:
 
 
 @allocating_kernel
-def _gathered(label: Any, parent: Any, count: int, min_points: int) -> tuple[Any, Any]:
-    """Sort pixels by cluster and leave out clusters of fewer than `min_points`."""
-    flat = label.ravel()
+def _gathered(pixels: Any, labels: Any, parent: Any, min_points: int) -> tuple[Any, Any]:
+    """Sort pixels (n,) of labels (n,) by cluster and leave out clusters of fewer than `min_points`.
+
+    `parent` (m,): of each label one of the same cluster, at last the smallest of them.
+    """
+    count = parent.size
     size = np.zeros(count, dtype=np.int64)
-    for i in range(flat.size):
-        if flat[i] >= 0:
-            flat[i] = _root(parent, flat[i])
-            size[flat[i]] += 1
+    for k in range(count):
+        parent[k] = _root(parent, k)
+    for label in labels:
+        size[parent[label]] += 1
     place = np.full(count, -1, dtype=np.int64)
     starts = np.zeros(count + 1, dtype=np.int64)
     kept = 0
@@ -378,8 +403,9 @@ def _gathered(label: Any, parent: Any, count: int, min_points: int) -> tuple[Any
             starts[kept + 1] = starts[kept] + size[k]
             kept += 1
     order = np.empty(starts[kept], dtype=np.int64)
-    for i in range(flat.size):
-        if flat[i] >= 0 and place[flat[i]] >= 0:
-            order[place[flat[i]]] = i
-            place[flat[i]] += 1
+    for i in range(labels.size):
+        root = parent[labels[i]]
+        if place[root] >= 0:
+            order[place[root]] = pixels[i]
+            place[root] += 1
     return order, starts[: kept + 1]

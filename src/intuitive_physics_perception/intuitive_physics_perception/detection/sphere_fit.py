@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from intuitive_physics.kernels import allocating_entry, allocating_kernel, inlined
+from intuitive_physics.kernels import allocating_entry, allocating_kernel, inlined, kernel
 
 INLIER_SIGMAS = 3.0
 """Standard deviations from the surface within which a reading is on it."""
@@ -44,6 +44,21 @@ SMALLEST_GROWTH = 1e-7
 
 SURFACE_VARIANCE = 1e-8
 """Variance of the surface in m²: keeps residuals finite where the noise vanishes, numerical."""
+
+CLEARLY = 1e-5
+"""Part by which a ray passes a sphere in any case: numerical, single precision is finer."""
+
+BLOCK = 256
+"""Readings that are compared with a sphere together: a distance between their rows that is known
+before lets the compiler write vector code, and they fit into the nearest cache."""
+
+X, Y, Z, MISS, NORMAL_X, NORMAL_Y, NORMAL_Z, ERROR, WEIGHT, SQUARE = range(0, 10 * BLOCK, BLOCK)
+"""Where the rows of a block of readings begin: their places, m; the distances, m, of their rays
+from the sphere's centre; and their equations: normal, error in m, weight in 1/m², and square of the
+error in variances."""
+
+RAY_ROWS, SURFACE_ROWS = 4, 10
+"""Rows of a block for rays alone, and for readings of a surface."""
 
 
 class SphereSolution(NamedTuple):
@@ -96,21 +111,36 @@ def surface_error(
 
 
 @inlined
-def write_normal(
-    row: Any, x: float, y: float, z: float, ahead: float, sine: float, sphere: Any
-) -> None:
-    """Write the normal of a sphere where a ray meets it, and not at the reading: a weight or a
+def passes_by(x: float, y: float, z: float, cx: float, cy: float, cz: float, reach: float) -> bool:
+    """Return whether a ray leads away from a sphere's centre or passes it clearly farther off than
+    `reach`, m: a product where `surface_error` takes roots and divides."""
+    toward = x * cx + y * cy + z * cz
+    length2 = (x * x + y * y + z * z) * (cx * cx + cy * cy + cz * cz - reach * reach)
+    # NaN compares false with everything.
+    return not (toward > 0.0 and toward * toward >= (1.0 - CLEARLY) * length2)
+
+
+@inlined
+def normal_where_met(
+    x: float,
+    y: float,
+    z: float,
+    ahead: float,
+    sine: float,
+    cx: float,
+    cy: float,
+    cz: float,
+    r: float,
+) -> tuple[float, float, float]:
+    """Return the normal of a sphere where a ray meets it, and not at the reading: a weight or a
     direction that depends on the noise would pull the sphere to the sensor's side.
 
     `ahead` and `sine` as of `surface_error`.
     """
-    r = sphere[3]
     distance = sqrt(x * x + y * y + z * z)
     meets = (distance + ahead - r * sqrt(max(1.0 - sine * sine, 0.0))) / distance
     scale = 1.0 / (r * max(sine, 1.0))
-    row[0] = (x * meets - sphere[0]) * scale
-    row[1] = (y * meets - sphere[1]) * scale
-    row[2] = (z * meets - sphere[2]) * scale
+    return (x * meets - cx) * scale, (y * meets - cy) * scale, (z * meets - cz) * scale
 
 
 @allocating_entry
@@ -148,6 +178,7 @@ def refine_sphere(
     normal = np.empty((UNKNOWNS, UNKNOWNS))
     right = np.empty(UNKNOWNS)
     misfit, inliers = 0.0, 0
+    surface, passing = _in_blocks(points, SURFACE_ROWS), _in_blocks(beyond, RAY_ROWS)
     for step in range(MAX_STEPS):
         gate = INLIER_SIGMAS * GATES[min(step, len(GATES) - 1)]
         # What lies nearer to the outline may have grown: it shows where that is, not the surface.
@@ -157,8 +188,11 @@ def refine_sphere(
         right[:] = 0.0
         normal[4, 4] = prior
         right[4] = -prior * fitted[4]
-        total, inliers = _add_surface(normal, right, points, fitted, rim, gate, noise, sharing)
-        _add_outline(normal, right, points, beyond, fitted, rim, gate, noise)
+        total, inliers = _add_surface(
+            normal, right, surface, points.shape[0], fitted, rim, gate, noise, sharing
+        )
+        rays = (surface, points.shape[0]), (passing, beyond.shape[0])
+        _add_outline(normal, right, rays, fitted, rim, gate, noise)
         if inliers < 5 or not _inverted(normal, inverse):
             return SphereSolution(fitted[:4].copy(), inverse[:4, :4].copy(), np.zeros(4), np.inf, 0)
         misfit = total / (inliers - 4)
@@ -180,76 +214,155 @@ def refine_sphere(
 
 
 @allocating_kernel
+def _in_blocks(points: Any, rows: int) -> Any:
+    """Return points (n, 3) as blocks (n_blocks, rows * BLOCK) with the rows `X`, `Y` and `Z`."""
+    blocks = np.empty(((points.shape[0] + BLOCK - 1) // BLOCK, rows * BLOCK))
+    for i in range(points.shape[0]):
+        k, j = i // BLOCK, i % BLOCK
+        blocks[k, X + j], blocks[k, Y + j], blocks[k, Z + j] = (
+            points[i, 0],
+            points[i, 1],
+            points[i, 2],
+        )
+    return blocks
+
+
+@kernel
 def _add_surface(
     normal: Any,
     right: Any,
-    points: Any,
+    blocks: Any,
+    count: int,
     fitted: Any,
     rim: float,
     gate: float,
     noise: Any,
     sharing: float,
 ) -> tuple[float, int]:
-    """Add the equations of points inside the part `rim` of the outline's radius; return the sum of
-    their squared errors in variances, and how many they are."""
-    cx, cy, cz, r = fitted[0], fitted[1], fitted[2], fitted[3]
-    row = np.zeros(UNKNOWNS)
-    row[3] = 1.0
+    """Add the equations of readings inside the part `rim` of the outline's radius; return the sum
+    of their squared errors in variances, and how many they are."""
     total, inliers = 0.0, 0
-    for i in range(points.shape[0]):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        error, variance, deviation, ahead, sine = surface_error(x, y, z, cx, cy, cz, r, noise)
-        off = error * error > gate * gate * variance or ahead < -BEHIND_SIGMAS * deviation
-        if off or (rim < 1.0 and sine > rim):
-            continue
-        write_normal(row, x, y, z, ahead, sine, fitted)
+    for first in range(0, count, BLOCK):
+        block, n = blocks[first // BLOCK], min(count - first, BLOCK)
+        _write_equations(block, n, fitted, rim, gate, noise, sharing)
+        total, inliers = _add_written(normal, right, block, n, total, inliers)
+    return total, inliers
+
+
+@kernel
+def _write_equations(
+    block: Any, n: int, fitted: Any, rim: float, gate: float, noise: Any, sharing: float
+) -> None:
+    """Write the equations of the first n readings of a block, with the weight 0 where a reading is
+    off the surface or farther out than `rim`.
+
+    No branch, which the compiler turns into vector code.
+    """
+    cx, cy, cz, r = fitted[0], fitted[1], fitted[2], fitted[3]
+    levels = noise[0], noise[1], noise[2], noise[3]
+    largest = rim if rim < 1.0 else np.inf
+    for i in range(n):
+        x, y, z = block[X + i], block[Y + i], block[Z + i]
+        error, variance, deviation, ahead, sine = surface_error(x, y, z, cx, cy, cz, r, levels)
+        normal = normal_where_met(x, y, z, ahead, sine, cx, cy, cz, r)
+        off = (error * error > gate * gate * variance) | (ahead < -BEHIND_SIGMAS * deviation)
         along = deviation * deviation * max(1.0 - sine * sine, 0.0)
-        _add_equation(normal, right, row, error, 1.0 / (variance + sharing * along))
-        total += error * error / variance
-        inliers += 1
+        weight = 1.0 / (variance + sharing * along)
+        block[NORMAL_X + i], block[NORMAL_Y + i], block[NORMAL_Z + i] = normal
+        block[ERROR + i] = error
+        block[WEIGHT + i] = 0.0 if off | (sine > largest) else weight
+        block[SQUARE + i] = error * error / variance
+
+
+@kernel
+def _add_written(
+    normal: Any, right: Any, block: Any, n: int, total: float, inliers: int
+) -> tuple[float, int]:
+    """Add the first n equations of a block, and to `total` and `inliers` what `_add_surface`
+    returns. All sums are numbers of their own, which the compiler keeps in registers."""
+    xx, yx, yy = normal[0, 0], normal[1, 0], normal[1, 1]
+    zx, zy, zz = normal[2, 0], normal[2, 1], normal[2, 2]
+    rx, ry, rz, rr = normal[3, 0], normal[3, 1], normal[3, 2], normal[3, 3]
+    ex, ey, ez, er = right[0], right[1], right[2], right[3]
+    for i in range(n):
+        weight, error = block[WEIGHT + i], block[ERROR + i]
+        if weight == 0.0:
+            continue
+        x, y, z = block[NORMAL_X + i], block[NORMAL_Y + i], block[NORMAL_Z + i]
+        wx, wy, wz = weight * x, weight * y, weight * z
+        xx, yx, yy = xx + wx * x, yx + wy * x, yy + wy * y
+        zx, zy, zz = zx + wz * x, zy + wz * y, zz + wz * z
+        rx, ry, rz, rr = rx + wx, ry + wy, rz + wz, rr + weight
+        ex, ey, ez, er = ex + wx * error, ey + wy * error, ez + wz * error, er + weight * error
+        total, inliers = total + block[SQUARE + i], inliers + 1
+    normal[0, 0], normal[1, 0], normal[1, 1] = xx, yx, yy
+    normal[2, 0], normal[2, 1], normal[2, 2] = zx, zy, zz
+    normal[3, 0], normal[3, 1], normal[3, 2], normal[3, 3] = rx, ry, rz, rr
+    right[0], right[1], right[2], right[3] = ex, ey, ez, er
     return total, inliers
 
 
 @allocating_kernel
 def _add_outline(
-    normal: Any,
-    right: Any,
-    points: Any,
-    beyond: Any,
-    fitted: Any,
-    rim: float,
-    gate: float,
-    noise: Any,
+    normal: Any, right: Any, rays: Any, fitted: Any, rim: float, gate: float, noise: Any
 ) -> None:
-    """Add the equations of rays on the wrong side of the grown outline."""
+    """Add the equations of rays on the wrong side of the grown outline.
+
+    `rays`: of the readings on the sphere and of those beyond it, as of `_add_rays`.
+    """
+    surface, beyond = rays
     r = fitted[3]
     away2 = fitted[0] ** 2 + fitted[1] ** 2 + fitted[2] ** 2
     grown = r + fitted[4] * sqrt(away2)
     variance = noise[3] * away2 + SURFACE_VARIANCE
-    row = np.empty(UNKNOWNS)
-    row[3], row[4] = 1.0, sqrt(away2)
     if rim < 1.0:
         widest = grown + gate * sqrt(variance)
-        for i in range(points.shape[0]):
-            miss = _passes(points[i], fitted, row)
-            if grown < miss < widest:
+        _add_rays(normal, right, surface, fitted, grown, widest, grown, variance)
+    _add_rays(normal, right, beyond, fitted, 0.5 * r, grown, grown, variance)
+
+
+@allocating_kernel
+def _add_rays(
+    normal: Any,
+    right: Any,
+    rays: Any,
+    fitted: Any,
+    least: float,
+    most: float,
+    grown: float,
+    variance: float,
+) -> None:
+    """Add the equations of rays that pass the centre between two distances, m.
+
+    `rays`: blocks and the number of rays; `grown` in m, radius of the grown outline; `variance` in
+    m², of its distance from a ray.
+    """
+    blocks, count = rays
+    cx, cy, cz = fitted[0], fitted[1], fitted[2]
+    row = np.empty(UNKNOWNS)
+    row[3], row[4] = 1.0, sqrt(cx**2 + cy**2 + cz**2)
+    for first in range(0, count, BLOCK):
+        block, n = blocks[first // BLOCK], min(count - first, BLOCK)
+        for i in range(n):
+            block[MISS + i] = _passing(block[X + i], block[Y + i], block[Z + i], cx, cy, cz)[3]
+        for i in range(n):
+            miss = block[MISS + i]
+            if least < miss < most:
+                dx, dy, dz, _ = _passing(block[X + i], block[Y + i], block[Z + i], cx, cy, cz)
+                inverse = 1.0 / max(miss, 1e-12)
+                row[0], row[1], row[2] = dx * inverse, dy * inverse, dz * inverse
                 _add_equation(normal, right, row, miss - grown, 1.0 / variance)
-    for i in range(beyond.shape[0]):
-        miss = _passes(beyond[i], fitted, row)
-        if 0.5 * r < miss < grown:
-            _add_equation(normal, right, row, miss - grown, 1.0 / variance)
 
 
 @inlined
-def _passes(point: Any, fitted: Any, row: Any) -> float:
-    """Distance, m, of the ray to a point from a sphere's centre; writes the direction there."""
-    x, y, z = point[0], point[1], point[2]
-    scale = (x * fitted[0] + y * fitted[1] + z * fitted[2]) / (x * x + y * y + z * z)
-    dx, dy, dz = x * scale - fitted[0], y * scale - fitted[1], z * scale - fitted[2]
-    miss = sqrt(dx * dx + dy * dy + dz * dz)
-    inverse = 1.0 / max(miss, 1e-12)
-    row[0], row[1], row[2] = dx * inverse, dy * inverse, dz * inverse
-    return miss
+def _passing(
+    x: float, y: float, z: float, cx: float, cy: float, cz: float
+) -> tuple[float, float, float, float]:
+    """From a sphere's centre to where the ray to a reading passes it: along each axis, and the
+    distance, m."""
+    scale = (x * cx + y * cy + z * cz) / (x * x + y * y + z * z)
+    dx, dy, dz = x * scale - cx, y * scale - cy, z * scale - cz
+    return dx, dy, dz, sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @inlined
@@ -269,7 +382,7 @@ def readings_beyond(points: Any, sphere: Any, noise: Any) -> Any:
     count = 0
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        if not x * cx + y * cy + z * cz > 0.0:
+        if passes_by(x, y, z, cx, cy, cz, 1.5 * r):
             continue
         _, _, deviation, ahead, sine = surface_error(x, y, z, cx, cy, cz, r, noise)
         if 0.6 < sine < 1.5 and ahead < -BEHIND_SIGMAS * deviation - 0.3 * r:

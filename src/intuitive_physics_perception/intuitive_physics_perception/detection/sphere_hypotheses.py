@@ -241,13 +241,16 @@ def inscribed_spheres(
     `points` (height, width, 3) m, of an organised frame; `cluster` (n,) indices of the cluster's
     points.
     """
-    from scipy.ndimage import distance_transform_edt, label
+    from scipy.ndimage import label
 
-    rows, columns = np.divmod(cluster, points.shape[1])
+    # `divmod` takes ten times as long.
+    rows = cluster // points.shape[1]
+    columns = cluster - rows * points.shape[1]
     every = int(np.ceil(np.sqrt(len(cluster) / OUTLINE_PIXELS)))
     if every > 1:
-        taken = (rows % every == 0) & (columns % every == 0)
-        cluster, rows, columns = cluster[taken], rows[taken] // every, columns[taken] // every
+        parts = rows // every, columns // every
+        taken = (rows == every * parts[0]) & (columns == every * parts[1])
+        cluster, rows, columns = cluster[taken], parts[0][taken], parts[1][taken]
         pixel *= every
     top, left = rows.min() - 1, columns.min() - 1
     mask = np.zeros((rows.max() - top + 2, columns.max() - left + 2), dtype=bool)
@@ -255,7 +258,7 @@ def inscribed_spheres(
     # What hangs together with the rim is outside, and holes are not; `binary_fill_holes` takes
     # three times as long.
     outside, _ = label(~mask)
-    depth = distance_transform_edt(outside != outside[0, 0])[rows - top, columns - left]
+    depth = depths_of(outside != outside[0, 0], rows - top, columns - left)
     readings = points.reshape(-1, 3)[cluster].astype(np.float64)
     ranges = np.linalg.norm(readings, axis=1)
     spheres: list[NDArray[np.float64]] = []
@@ -274,6 +277,37 @@ def inscribed_spheres(
             _sphere(readings[middle] / ranges[middle], np.sin((circle - 0.5) * pixel), nearest)
         )
     return spheres
+
+
+@allocating_entry
+def depths_of(inside: Any, rows: Any, columns: Any) -> Any:
+    """Return how far some pixels are from the nearest one that is not inside, (n,) pixels.
+
+    A third to a tenth of the time of SciPy's `distance_transform_edt`, which looks at all others.
+
+    `inside` (height, width), nothing of which is in the first and last row and column; `rows` and
+    `columns` (n,) of the pixels.
+    """
+    height, width = inside.shape
+    # First along the columns alone.
+    along = np.zeros((height, width), dtype=np.int32)
+    for v in range(1, height):
+        for u in range(width):
+            along[v, u] = (along[v - 1, u] + 1) * inside[v, u]
+    for v in range(height - 2, 0, -1):
+        for u in range(width):
+            along[v, u] = min(along[v, u], along[v + 1, u] + 1)
+    depths = np.empty(rows.size)
+    for i in range(rows.size):
+        v, u = rows[i], columns[i]
+        nearest2, k = along[v, u] ** 2, 1
+        # Ends at the border of the image at last.
+        while k * k < nearest2:
+            beside2 = min(along[v, u - k] ** 2, along[v, u + k] ** 2)
+            nearest2 = min(nearest2, k * k + beside2)
+            k += 1
+        depths[i] = sqrt(nearest2)
+    return depths
 
 
 def _quantile(values: NDArray[np.float64], part: float) -> float:

@@ -16,6 +16,7 @@ from intuitive_physics_perception.detection.detections import Bulge
 from intuitive_physics_perception.detection.sphere_fit import (
     BEHIND_SIGMAS,
     INLIER_SIGMAS,
+    passes_by,
     surface_error,
 )
 from intuitive_physics_perception.environment.known_space import KNOWN, NEW
@@ -119,14 +120,13 @@ def inspect_sphere(points: Any, sphere: Any, noise: Any) -> SphereView:
     on, against = 0, 0
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        toward = x * cx + y * cy + z * cz
-        if not toward > 0.0:
+        if passes_by(x, y, z, cx, cy, cz, r):
             continue
         error, variance, deviation, ahead, sine = surface_error(x, y, z, cx, cy, cz, r, noise)
         if sine > 1.0:
             continue
         # Where the ray passes the centre nearest, in radii across the line of sight.
-        scale = toward / ((x * x + y * y + z * z) * r)
+        scale = (x * cx + y * cy + z * cz) / ((x * x + y * y + z * z) * r)
         a = (x * across[0] + y * across[1] + z * across[2]) * scale
         b = (x * upwards[0] + y * upwards[1] + z * upwards[2]) * scale
         _mark(read, a, b)
@@ -216,8 +216,7 @@ def look_round_outline(
     new, known, on_surface = 0, 0, 0
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        toward = x * cx + y * cy + z * cz
-        if not toward > 0.0:
+        if passes_by(x, y, z, cx, cy, cz, outer * r):
             continue
         error, variance, deviation, ahead, sine = surface_error(x, y, z, cx, cy, cz, r, noise)
         if sine > outer or 1.0 < sine < inner:

@@ -184,11 +184,11 @@ class SphereFinder:
 
         `points` in m, in the sensor's frame.
         """
-        for cluster, new in zip(clusters.indices, clusters.new, strict=True):
-            view = ClusterView(points, cluster, clusters.marks)
-            away = np.linalg.norm(view.readings - start.sphere[:3], axis=1)
-            if not new or away.min() >= EXPECTED_REACH * start.sphere[3]:
+        near = _followed_in(points.reshape(-1, 3), *clusters.in_a_row, [start])
+        for k, cluster in enumerate(clusters.indices):
+            if not (near[k] and clusters.new[k]):
                 continue
+            view = ClusterView(points, cluster, clusters.marks)
             part = self._fitter.part_inside(view, start)
             if part.total < self._settings.min_points:
                 continue
@@ -384,13 +384,17 @@ def roundness_of(order: Any, starts: Any, width: int) -> Any:
     parts = np.zeros(starts.size - 1)
     for k in range(starts.size - 1):
         n = starts[k + 1] - starts[k]
-        u = v = uu = uv = vv = 0.0
+        # Whole numbers, and pixels in row-major order: neither divisions nor rounding.
+        u = v = uu = uv = vv = 0
+        row, end = -1, 0
         for j in range(starts[k], starts[k + 1]):
-            row, column = float(order[j] // width), float(order[j] % width)
-            u, v = u + column / n, v + row / n
-            uu, uv, vv = uu + column * column / n, uv + column * row / n, vv + row * row / n
-        uu, uv, vv = uu - u * u, uv - u * v, vv - v * v
-        longest = 0.5 * (uu + vv + np.sqrt((uu - vv) ** 2 + 4.0 * uv * uv))
+            while order[j] >= end:
+                row, end = row + 1, end + width
+            column = order[j] - (end - width)
+            u, v = u + column, v + row
+            uu, uv, vv = uu + column * column, uv + column * row, vv + row * row
+        uu, uv, vv = n * uu - u * u, n * uv - u * v, n * vv - v * v
+        longest = 0.5 * (uu + vv + np.sqrt(float(uu - vv) ** 2 + 4.0 * float(uv) ** 2)) / n**2
         parts[k] = n / (4.0 * np.pi * max(longest, 1e-9))
     return parts
 

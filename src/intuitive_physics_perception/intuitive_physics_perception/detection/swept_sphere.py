@@ -29,8 +29,8 @@ from intuitive_physics_perception.detection.sphere_fit import (
     BEHIND_SIGMAS,
     GATES,
     INLIER_SIGMAS,
+    normal_where_met,
     surface_error,
-    write_normal,
 )
 
 SWEEP_STEPS = 12
@@ -130,14 +130,18 @@ def passing_way(points: Any, place: Any, way: Any) -> Any:
     `place` (3,) m, the middle of the way; `way` (3,) m, from its beginning to its end.
     """
     passed = np.empty(points.shape[0])
+    px, py, pz = place[0], place[1], place[2]
+    wx, wy, wz = way[0], way[1], way[2]
+    # In a row, which the compiler turns into vector code.
+    numbers = points.reshape(-1)
     for i in range(points.shape[0]):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        x, y, z = numbers[3 * i], numbers[3 * i + 1], numbers[3 * i + 2]
         distance = sqrt(x * x + y * y + z * z)
         x, y, z = x / distance, y / distance, z / distance
-        along = x * place[0] + y * place[1] + z * place[2]
-        off_x, off_y, off_z = place[0] - along * x, place[1] - along * y, place[2] - along * z
-        along = x * way[0] + y * way[1] + z * way[2]
-        side_x, side_y, side_z = way[0] - along * x, way[1] - along * y, way[2] - along * z
+        along = x * px + y * py + z * pz
+        off_x, off_y, off_z = px - along * x, py - along * y, pz - along * z
+        along = x * wx + y * wy + z * wz
+        side_x, side_y, side_z = wx - along * x, wy - along * y, wz - along * z
         length2 = max(side_x * side_x + side_y * side_y + side_z * side_z, LEAST_SWEEP**2)
         when = -(off_x * side_x + off_y * side_y + off_z * side_z) / length2
         when = min(max(when, -0.5), 0.5)
@@ -263,7 +267,9 @@ def fit_sweep(
             if error * error > gate * gate * variance or ahead < -BEHIND_SIGMAS * spread:
                 continue
             inliers += 1
-            write_normal(row, x, y, z, ahead, sine, now)
+            row[0], row[1], row[2] = normal_where_met(
+                x, y, z, ahead, sine, now[0], now[1], now[2], now[3]
+            )
             for a in range(3):
                 row[4 + a] = time * row[a]
             within = sqrt(max(1.0 - sine * sine, 0.0))

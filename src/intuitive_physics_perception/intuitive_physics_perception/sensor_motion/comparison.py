@@ -105,7 +105,8 @@ class Comparison:
         moved = np.flatnonzero(np.any(self.pulls[1:], axis=1)) + 1
         one_less = np.eye(len(self.pulls))[moved]
         kept = 1.0 - np.concatenate([np.zeros((1, len(self.pulls))), one_less])
-        left, pulls = np.tensordot(kept, self.information, 1), kept @ self.pulls
+        left = (kept @ self.information.reshape(-1, 36)).reshape(-1, 6, 6)
+        pulls = kept @ self.pulls
         steps = np.linalg.solve(left + PRIOR * np.eye(6), pulls[:, :, None])[:, :, 0]
         values = (pulls * steps).sum(axis=1) / self.scale**2
         return float(values[0] if of_all else values.min())
@@ -164,6 +165,7 @@ def compare(
         states,
         residuals,
         variances,
+        np.empty(2 * SEARCHED + 1),
     )
     information, seeming = np.zeros((MOST_THINGS + 1, 6, 6)), np.zeros((6, 6))
     pulls = np.zeros((MOST_THINGS + 1, 6))
@@ -207,9 +209,11 @@ def _measure(
     states: Any,
     residuals: Any,
     variances: Any,
+    lengths: Any,
 ) -> None:
     """Set states (n,), residuals (n,) m, and add the variances of the readings to those (n,) m² of
-    the landmarks: places (n, 3), normals (n, 3) and whether they are on an edge (n,)."""
+    the landmarks: places (n, 3), normals (n, 3) and whether they are on an edge (n,); `lengths` as
+    in `_find_edge`."""
     places, normals, is_edge = landmarks
     turn, shift = pose
     for i in range(places.shape[0]):
@@ -226,7 +230,9 @@ def _measure(
             ex = turn[0, 0] * nx + turn[1, 0] * ny + turn[2, 0] * nz
             ey = turn[0, 1] * nx + turn[1, 1] * ny + turn[2, 1] * nz
             ez = turn[0, 2] * nx + turn[1, 2] * ny + turn[2, 2] * nz
-            states[i], residuals[i] = _find_edge(points, lens, (x, y, z), (ex, ey, ez), reach)
+            states[i], residuals[i] = _find_edge(
+                points, lens, (x, y, z), (ex, ey, ez), reach, lengths
+            )
             continue
         row, column = pixel_of(x, y, z, lens)
         v, u = int(np.floor(row + 0.5)), int(np.floor(column + 0.5))
@@ -253,10 +259,13 @@ def _measure(
 
 
 @kernel
-def _find_edge(points: Any, lens: Any, place: Any, across: Any, reach: float) -> tuple[int, float]:
+def _find_edge(
+    points: Any, lens: Any, place: Any, across: Any, reach: float, lengths: Any
+) -> tuple[int, float]:
     """State of an edge, and how far, m, along `across` (3,) it is from its place (3,), m.
 
-    The edge is where the fewest readings are on the wrong side.
+    The edge is where the fewest readings are on the wrong side. `lengths` (2 SEARCHED + 1,): memory
+    for the ranges there, m.
     """
     x, y, z = place
     row, column = pixel_of(x, y, z, lens)
@@ -276,9 +285,9 @@ def _find_edge(points: Any, lens: Any, place: Any, across: Any, reach: float) ->
     margin = 0.5 * EDGE_JUMP * max(reach, 2.0)
     # What is wrong where the edge lies before the first pixel.
     wrong, near, far = 0.0, 0, 0
-    for k in range(-SEARCHED, SEARCHED + 1):
-        at = start + k * stretch
-        length = _range_at(points, row + at * dv, column + at * du)
+    for k in range(2 * SEARCHED + 1):
+        at = start + (k - SEARCHED) * stretch
+        lengths[k] = length = _range_at(points, row + at * dv, column + at * du)
         if length < reach - margin:
             return HIDDEN, np.nan
         if length < reach + margin:
@@ -289,8 +298,7 @@ def _find_edge(points: Any, lens: Any, place: Any, across: Any, reach: float) ->
         return UNSEEN, np.nan
     least, first, last = wrong, -SEARCHED, -SEARCHED
     for k in range(-SEARCHED, SEARCHED + 1):
-        at = start + k * stretch
-        length = _range_at(points, row + at * dv, column + at * du)
+        length = lengths[k + SEARCHED]
         if length < reach + margin:
             wrong -= 1.0
         elif length >= reach + margin:

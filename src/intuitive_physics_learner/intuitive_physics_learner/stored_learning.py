@@ -62,7 +62,7 @@ def check_environments(observations: Sequence[Observation], simulator: Simulator
             ) from None
 
 
-STATE_FORM = 3
+STATE_FORM = 4
 """Form of the states of searches: one that a program with another form left begins again."""
 
 LARGEST_SAVING_SHARE = 0.05

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics_learner import (
+    FURTHER_RULES,
     UPDATE_RULES,
     ConvergenceCriteria,
     ParameterSearch,
@@ -117,15 +118,31 @@ def test_progress_reports_every_cost_once():
     assert reports[-1].seconds_left == 0.0
 
 
-def test_resumes_exactly():
-    whole = search_of("hybrid_random").run(ConvergenceCriteria(700))
-    stopped = search_of("hybrid_random")
-    stopped.run(ConvergenceCriteria(333))
-    resumed = search_of("hybrid_random", seed=99)
+@settings(max_examples=40)
+@given(
+    method=st.sampled_from(sorted({**UPDATE_RULES, **FURTHER_RULES})),
+    seed=st.integers(0, 1000),
+    start=st.sampled_from([None, [0.9, 0.2, 0.5, 1.0, 0.4]]),
+    iterations=st.integers(1, 500),
+)
+def test_resumes_exactly_wherever_it_stopped(method, seed, start, iterations):
+    longer = ConvergenceCriteria(iterations + 120)
+    whole = search_of(method, seed=seed, start=start).run(longer)
+    stopped = search_of(method, seed=seed, start=start)
+    stopped.run(ConvergenceCriteria(iterations))
+    resumed = search_of(method, seed=seed, start=start)
     resumed.load_state(json.loads(json.dumps(stopped.state(), allow_nan=False)))
-    result = resumed.run(ConvergenceCriteria(700))
+    assert resumed.best_cost == stopped.best_cost
+    result = resumed.run(longer)
     assert (result.history == whole.history).all()
     assert (result.parameters.coefficients == whole.parameters.coefficients).all()
+
+
+def test_costs_of_another_search_are_refused():
+    rule = make_update_rule("grid", SPACE.size, np.random.default_rng(0), increment=0.5)
+    search = ParameterSearch(bowl, SPACE, rule)
+    with pytest.raises(InvalidInputError, match="8 costs are left"):
+        search.load_state({"costs": [1.0] * 40})
 
 
 @pytest.mark.parametrize(

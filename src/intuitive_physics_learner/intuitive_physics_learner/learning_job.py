@@ -102,7 +102,7 @@ class LearningJob:
     def _run(self) -> None:
         try:
             result = self._work(self._on_progress, self._stop)
-        except (SimulationStoppedError, LearningCancelledError):
+        except SimulationStoppedError:
             self._ended = time.monotonic()
             self._outcome.set_exception(self.cancellation)
         except Exception as error:

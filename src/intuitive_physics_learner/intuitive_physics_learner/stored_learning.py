@@ -23,7 +23,6 @@ from intuitive_physics.state import ObjectState
 from intuitive_physics_learner.cost.cost_function import MakeCost, TrajectoryCost
 from intuitive_physics_learner.errors import (
     IncompatibleEnvironmentError,
-    LearningCancelledError,
     NoObservationsError,
     SupersededError,
     UnreadableVersionError,
@@ -75,7 +74,6 @@ def learn_from_store(
     options: LearningOptions,
     *,
     on_progress: Callable[[SearchProgress], None] | None = None,
-    cancelled: Callable[[], bool] | None = None,
     make_cost: MakeCost = TrajectoryCost,
 ) -> LearningResult:
     """Learn from stored observations, starting from the newest θ_s, and store the next version.
@@ -87,10 +85,9 @@ def learn_from_store(
     Parameters
     ----------
     store : of observations and θ_s
-    simulator : the engine that simulates candidates
+    simulator : the engine that simulates candidates, by whose flag learning is cancelled
     options : how to learn
     on_progress : called after each step of the search
-    cancelled : polled between batches of candidates
     make_cost : what evaluates J; by default this process
 
     Raises
@@ -101,8 +98,8 @@ def learn_from_store(
         When no method or no observation has the name given.
     IncompatibleEnvironmentError, UnsupportedSceneError
         When the simulator cannot express the environment of an observation, or its objects.
-    LearningCancelledError
-        When `cancelled` returned True; no version is stored then.
+    SimulationStoppedError
+        When the simulator's flag was set; no version is stored then.
     SupersededError
         When a user gave values meanwhile, which this search knows nothing of.
     StorageError
@@ -126,7 +123,6 @@ def learn_from_store(
             replace(options, criteria=options.criteria.after(seconds)),
             previous=previous,
             on_progress=on_progress,
-            cancelled=cancelled,
             resume=saved.get("state"),
             on_checkpoint=_saving(store, key, begun, seconds),
             make_cost=make_cost,
@@ -134,8 +130,7 @@ def learn_from_store(
     except UnsupportedSceneError:
         check_environments(observations, simulator)
         raise
-    if cancelled is not None and cancelled():
-        raise LearningCancelledError
+    simulator.stop_flag.check()
     stored = _stored(store, result.learned, begun, [each.id for each in observations])
     if result.assessments:
         store.apply_assessments(result.assessments)

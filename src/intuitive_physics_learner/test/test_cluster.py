@@ -13,9 +13,10 @@ import numpy as np
 import psutil
 import pytest
 
-from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.errors import InvalidInputError, SimulationStoppedError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.simulation import make_simulator
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics.trajectory import DISTANCES
 from intuitive_physics_learner import (
     ConvergenceCriteria,
@@ -75,6 +76,15 @@ def test_learning_is_the_same_with_and_without(two_processes, throws):
     there = learn(observed, simulator, options, make_cost=two_processes)
     assert there.learned.to_dict() == here.learned.to_dict()
     assert (there.search.history == here.search.history).all()
+
+
+def test_ends_once_the_flag_of_its_simulator_is_set(two_processes, throws):
+    flag = StopFlag()
+    cost = two_processes(throws(2, 0), make_simulator("event_driven").stopped_by(flag))
+    cost.costs(candidates(cost.materials, 2))
+    flag.set()
+    with pytest.raises(SimulationStoppedError):
+        cost.costs(candidates(cost.materials, 2))
 
 
 def listening_addresses():

@@ -7,15 +7,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.errors import (
+    InvalidInputError,
+    SimulationStoppedError,
+    UnknownNameError,
+)
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.observation import Detections
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.regions import HalfSpaceRegion
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Sphere
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics.state import ObjectState
-from intuitive_physics_learner import LearningCancelledError, NoObservationsError
+from intuitive_physics_learner import NoObservationsError
 from intuitive_physics_learner.design import (
     AboutMotion,
     AboutParameters,
@@ -280,15 +285,16 @@ def test_the_same_generator_gives_the_same_suggestions_best_first(event_driven):
 
 
 def test_can_be_cancelled(event_driven):
-    with pytest.raises(LearningCancelledError):
+    flag = StopFlag()
+    flag.set()
+    with pytest.raises(SimulationStoppedError):
         suggest(
             WIDE,
             known(0.6),
             AboutParameters((E,)),
             viewing(),
-            event_driven,
+            event_driven.stopped_by(flag),
             np.random.default_rng(0),
-            cancelled=lambda: True,
         )
 
 

@@ -16,7 +16,7 @@ def job_of(observed, simulator, iterations, on_change=lambda: None):
     options = LearningOptions(method="random", criteria=ConvergenceCriteria(iterations))
     return LearningJob(
         lambda on_progress, stop: learn(
-            observed, simulator, options, on_progress=on_progress, cancelled=stop.is_set
+            observed, simulator.stopped_by(stop), options, on_progress=on_progress
         ),
         on_change,
     )

@@ -80,7 +80,7 @@ def test_gains_that_are_too_small_do_not_count():
     assert result.stop_reason is StopReason.NO_GAIN
 
 
-def test_time_limit_and_cancel():
+def test_time_limit():
     batches = []
 
     def slow(candidates):
@@ -94,12 +94,6 @@ def test_time_limit_and_cancel():
     assert result.seconds >= 0.1
     # Between the last two looks at the time only one batch was begun.
     assert sum(batches[:-1]) < 0.1
-    asked = iter([False, False, True])
-    result = search_of("random", slow).run(
-        ConvergenceCriteria(10_000), cancelled=lambda: next(asked)
-    )
-    assert result.stop_reason is StopReason.CANCELLED
-    assert result.iterations == 150
 
 
 def test_ends_when_there_is_nothing_left_to_try():

@@ -209,13 +209,10 @@ class ClusterCost(Cost):
     ) -> None:
         super().__init__(observations, materials)
         self._client = client
+        self._stop_flag = simulator.stop_flag
         self._threads = max(1, sum(self._guarded(client.nthreads).values()))
         self._local = TrajectoryCost(self.observations, simulator, self.materials, distance)
         self._there = self._guarded(self._sent)
-
-    @property
-    def largest_share(self) -> int:
-        return super().largest_share * self._threads
 
     def trial_distances(self, trials: Trials) -> NDArray[np.float64]:
         return self._spread(TrajectoryCost.trial_distances, trials)
@@ -226,6 +223,8 @@ class ClusterCost(Cost):
     def _spread(
         self, method: Callable[[TrajectoryCost, Trials], NDArray[np.float64]], trials: Trials
     ) -> NDArray[np.float64]:
+        # The simulators of workers are copies, which do not see that it was set.
+        self._stop_flag.check()
         count = max(1, min(self._threads, trials.size // SMALLEST_SHARE))
         shares = [trials.taken(part) for part in np.array_split(np.arange(trials.size), count)]
 

@@ -11,7 +11,7 @@ information.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +21,6 @@ from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.cost.wrapped_costs import InterruptibleCost
 from intuitive_physics_learner.design.throws import Throw, ViewingConditions
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     LARGEST_BEND,
@@ -125,8 +124,6 @@ def expected_posteriors(
     simulator: Simulator,
     execution_error: float,
     rng: np.random.Generator,
-    *,
-    cancelled: Callable[[], bool] = lambda: False,
 ) -> Iterator[ExpectedPosteriors]:
     """Judge throws, those together that have equally many unknowns.
 
@@ -134,9 +131,7 @@ def expected_posteriors(
     standard deviation by which a throw misses what was meant, a part of the width of each range.
     """
     observations = [viewing.observation(throw.scene) for throw in throws]
-    cost = InterruptibleCost(
-        TrajectoryCost(observations, simulator, posterior.materials), cancelled
-    )
+    cost = TrajectoryCost(observations, simulator, posterior.materials)
     influence = parameter_influence(observations, posterior.materials)
     blocks = observation_blocks(observations, influence)
     groups = separate_groups(influence)

@@ -5,7 +5,6 @@ They are made of options, or of what was seen and learned by a learner's databas
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,7 +82,6 @@ def suggest(
     candidates: int = CANDIDATES,
     draws: int = DRAWS,
     execution_error: float = EXECUTION_ERROR,
-    cancelled: Callable[[], bool] = lambda: False,
 ) -> list[Suggestion]:
     """Return the most informative throws, the best first.
 
@@ -105,18 +103,17 @@ def suggest(
     posterior : of θ_s, of all materials of the options and of the question
     question : what is asked
     viewing : how the throw will be observed
-    simulator : of throws and queries
+    simulator : of throws and queries, by whose flag they are cancelled
     rng : of all randomness
     count : of throws to return at most
     candidates, draws, execution_error : as the constants that are their defaults
-    cancelled : polled between batches of simulations
 
     Raises
     ------
     InvalidInputError
         When no valid throw lies within the ranges.
-    LearningCancelledError
-        When `cancelled` returned True.
+    SimulationStoppedError
+        When the simulator's flag was set.
     """
     directions = question.directions(posterior, simulator, rng)
     covariance = Gaussian.of(posterior, bounded=True).covariance
@@ -127,7 +124,7 @@ def suggest(
         """Judge throws, in their order."""
         suggestions: dict[int, Suggestion] = {}
         for part in expected_posteriors(
-            throws, posterior, units, viewing, simulator, execution_error, rng, cancelled=cancelled
+            throws, posterior, units, viewing, simulator, execution_error, rng
         ):
             reduction = part.reduction(covariance, directions)
             gains = question.information(reduction)
@@ -193,8 +190,6 @@ def suggest_from_store(
     store: ObservationStore,
     simulator: Simulator,
     request: SuggestionRequest,
-    *,
-    cancelled: Callable[[], bool] = lambda: False,
 ) -> list[Suggestion]:
     """Return the most informative throws, the best first.
 
@@ -204,9 +199,8 @@ def suggest_from_store(
     Parameters
     ----------
     store : of observations and θ_s
-    simulator : of throws and queries
+    simulator : of throws and queries, by whose flag they are cancelled
     request : what is asked
-    cancelled : polled between batches of simulations
 
     Raises
     ------
@@ -214,8 +208,8 @@ def suggest_from_store(
         When nothing was observed yet.
     InvalidInputError, UnknownNameError
         When the request does not fit what was observed.
-    LearningCancelledError
-        When `cancelled` returned True.
+    SimulationStoppedError
+        When the simulator's flag was set.
     StorageError
         When the database cannot be read.
     """
@@ -242,5 +236,4 @@ def suggest_from_store(
         simulator,
         np.random.default_rng(request.seed),
         count=request.count,
-        cancelled=cancelled,
     )

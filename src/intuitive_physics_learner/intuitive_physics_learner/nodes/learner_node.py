@@ -137,7 +137,7 @@ class LearnerNode(ManagedNode):
         self._suggestions = SuggestionService(
             self,
             lambda request, stop: suggest_from_store(
-                self._store, self._simulator.stopped_by(stop), request, cancelled=stop.is_set
+                self._store, self._simulator.stopped_by(stop), request
             ),
         )
         given = self.get_parameter("export_folder").value
@@ -224,7 +224,6 @@ class LearnerNode(ManagedNode):
             self._simulator.stopped_by(stop),
             options,
             on_progress=on_progress,
-            cancelled=stop.is_set,
             make_cost=self._make_cost,
         )
 

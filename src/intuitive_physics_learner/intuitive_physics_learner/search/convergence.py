@@ -19,7 +19,6 @@ class StopReason(str, Enum):
     NO_GAIN = "no_gain"
     COST_THRESHOLD = "cost_threshold"
     TIME_LIMIT = "time_limit"
-    CANCELLED = "cancelled"
     EXHAUSTED = "exhausted"
 
 

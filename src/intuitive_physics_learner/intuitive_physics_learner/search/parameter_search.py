@@ -28,7 +28,7 @@ CostFunction = Callable[[Sequence[StaticParameters]], NDArray[np.float64]]
 """J of several candidates, shape (n_candidates,), in m."""
 
 LARGEST_BATCH = 50
-"""Candidates evaluated at once at most; between batches a search can be stopped."""
+"""Candidates evaluated at once at most; between batches the criteria are looked at."""
 
 CHECKPOINT_PERIOD = 1.0
 """s between two states that a search hands out while it runs."""
@@ -90,11 +90,10 @@ class Search(Resumable, ABC):
         criteria: ConvergenceCriteria,
         *,
         on_progress: Callable[[SearchProgress], None] | None = None,
-        cancelled: Callable[[], bool] | None = None,
         on_checkpoint: Callable[[dict[str, Any]], None] | None = None,
         reserve: Callable[[float], float] = lambda seconds: 0.0,
     ) -> SearchResult:
-        """Step until a criterion is met or `cancelled` returns True; at least one step.
+        """Step until a criterion is met; at least one step.
 
         Iterations of a state that was loaded count, seconds do not; where it has met a criterion no
         step is taken.
@@ -107,7 +106,7 @@ class Search(Resumable, ABC):
             for what comes after it
         """
         began = saved = time.monotonic()
-        reason = self._stop_reason(criteria, 0.0, False, None) if self.iterations else None
+        reason = self._stop_reason(criteria, 0.0, False) if self.iterations else None
         if not self.iterations:
             self.plan(criteria)
         while reason is None:
@@ -123,11 +122,10 @@ class Search(Resumable, ABC):
                 on_checkpoint(self.state())
                 saved = time.monotonic()
             spent = seconds + reserve(seconds)
-            reason = self._stop_reason(criteria, spent, evaluated == 0, cancelled)
+            reason = self._stop_reason(criteria, spent, evaluated == 0)
         if on_checkpoint is not None:
             on_checkpoint(self.state())
-        if reason is not StopReason.CANCELLED:
-            self.conclude()
+        self.conclude()
         return SearchResult(
             self.best_parameters,
             self.best_cost,
@@ -144,15 +142,9 @@ class Search(Resumable, ABC):
             self._gain_iteration = self.iterations
 
     def _stop_reason(
-        self,
-        criteria: ConvergenceCriteria,
-        seconds: float,
-        exhausted: bool,
-        cancelled: Callable[[], bool] | None,
+        self, criteria: ConvergenceCriteria, seconds: float, exhausted: bool
     ) -> StopReason | None:
         without_gain = self.iterations - self._gain_iteration
-        if cancelled is not None and cancelled():
-            return StopReason.CANCELLED
         if criteria.cost_threshold is not None and self.best_cost < criteria.cost_threshold:
             return StopReason.COST_THRESHOLD
         if _reached(self.iterations, criteria.max_iterations):

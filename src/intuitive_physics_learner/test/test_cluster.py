@@ -257,28 +257,6 @@ def test_dead_cluster_worker_is_restarted(throws, capfd):
     assert "Traceback" not in log
 
 
-@pytest.mark.parametrize("deaths", [1, 2, 3])
-def test_workers_that_die_while_observations_are_sent(two_processes, throws, monkeypatch, deaths):
-    observed, simulator = throws(2, 0), make_simulator("event_driven")
-    here = TrajectoryCost(observed, simulator)
-    two_processes(observed, simulator)
-    send, left = two_processes._client.scatter, [deaths]
-
-    def scatter(*arguments, **options):
-        if left[0]:
-            left[0] -= 1
-            raise KeyError("tcp://127.0.0.1:32817")
-        return send(*arguments, **options)
-
-    monkeypatch.setattr(two_processes._client, "scatter", scatter)
-    if deaths == 3:
-        with pytest.raises(ClusterError, match="workers die while observations are sent"):
-            two_processes(observed, simulator)
-    else:
-        some = candidates(here.materials, 2)
-        assert (two_processes(observed, simulator).costs(some) == here.costs(some)).all()
-
-
 def test_processes_that_do_not_start(throws, monkeypatch):
     def fail(*_, **__):
         raise RuntimeError("Nanny failed to start worker process")

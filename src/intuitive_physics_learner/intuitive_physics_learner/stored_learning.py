@@ -64,9 +64,6 @@ def check_environments(observations: Sequence[Observation], simulator: Simulator
 STATE_FORM = 4
 """Form of the states of searches: one that a program with another form left begins again."""
 
-LARGEST_SAVING_SHARE = 0.05
-"""Part of a search's time that may be spent on storing its state."""
-
 
 def learn_from_store(
     store: ObservationStore,
@@ -115,7 +112,12 @@ def learn_from_store(
     key = _key(observations, simulator, options)
     saved = store.saved_search(key, begun)
     # A time limit counts from the first start.
-    seconds = saved.get("seconds", 0.0)
+    seconds, began = saved.get("seconds", 0.0), time.monotonic()
+
+    def save(state: Mapping[str, Any]) -> None:
+        spent = seconds + time.monotonic() - began
+        store.save_search(key, begun, {"state": state, "seconds": spent})
+
     try:
         result = learn(
             observations,
@@ -124,7 +126,7 @@ def learn_from_store(
             previous=previous,
             on_progress=on_progress,
             resume=saved.get("state"),
-            on_checkpoint=_saving(store, key, begun, seconds),
+            on_checkpoint=save,
             make_cost=make_cost,
         )
     except UnsupportedSceneError:
@@ -173,23 +175,6 @@ def _observations(
     pairs = list(store.each_observation((USED, DOUBTFUL)))
     trusted = [entry.id for entry, _ in pairs if entry.reason == INCLUDED_BY_USER]
     return [observation for _, observation in pairs], replace(options, trusted_ids=trusted)
-
-
-def _saving(
-    store: ObservationStore, key: str, version: int, seconds: float
-) -> Callable[[Mapping[str, Any]], None]:
-    """Return what stores the states of a search, on which `seconds` were spent before."""
-    began = time.monotonic()
-    next_saving = 0.0
-
-    def save(state: Mapping[str, Any]) -> None:
-        nonlocal next_saving
-        now = time.monotonic()
-        if now >= next_saving:
-            store.save_search(key, version, {"state": state, "seconds": seconds + now - began})
-            next_saving = now + (time.monotonic() - now) / LARGEST_SAVING_SHARE
-
-    return save
 
 
 def _key(

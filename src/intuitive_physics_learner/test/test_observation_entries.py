@@ -169,7 +169,7 @@ def test_deletion_is_for_good(store, glide_at):
     with pytest.raises(UnknownNameError):
         store.delete(["a", "x"])
     assert store.delete(["b", "c"]) == 2
-    assert store.ids() == ["a"]
+    assert [each.id for each in store.entries()] == ["a"]
     assert store.materials() == ("ball", "floor")
     assert revision(store) > before
     # A number is never given twice, so that who follows the stream misses none.
@@ -253,7 +253,7 @@ def test_counts_are_those_of_the_rows(tmp_path_factory, glide_at, actions):
     path = tmp_path_factory.mktemp("counts") / "learner.sqlite3"
     with ObservationStore(path) as store:
         for number, (action, material) in enumerate(actions):
-            names = store.ids()[::2]
+            names = [each.id for each in store.entries()][::2]
             if action == "add":
                 store.add(glide_at(str(number), material=material))
             elif action == "doubt":

@@ -704,7 +704,7 @@ def test_excluded_observation_returns_when_included(store, glide, gliding):
     generator = np.random.default_rng(7)
     store.add_all([gliding(generator, 0.8) for _ in range(3)])
     learn_all(store, glide)
-    first = store.ids()[0]
+    first = store.entries()[0].id
     store.exclude([first])
     learning = learn_all(store, glide)
     assert first not in [member.id for member in learning.learner.state.window]

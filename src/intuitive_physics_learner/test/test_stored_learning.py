@@ -147,7 +147,7 @@ def test_versions_are_stored_and_start_the_next_search(store, glide, glides):
     assert second.search.history[0] <= first.search.cost + 1e-9
     for version, result in ((1, first), (2, second)):
         assert store.parameters(version).to_dict() == result.learned.to_dict()
-    chosen = options(50, observation_ids=store.ids()[:2])
+    chosen = options(50, observation_ids=[each.id for each in store.entries()][:2])
     assert learn_from_store(store, glide, chosen).learned.observation_count == 2
 
 

@@ -33,6 +33,9 @@ LARGEST_BATCH = 50
 CHECKPOINT_PERIOD = 1.0
 """s between two states that a search hands out while it runs."""
 
+LARGEST_CHECKPOINT_SHARE = 0.05
+"""Part of a search's time that may be spent on handing out its state, as to store it."""
+
 RELATIVE_GAIN = 1e-4
 """Part of J by which it must fall to count as a gain; set by hand."""
 
@@ -100,12 +103,13 @@ class Search(Resumable, ABC):
 
         Parameters
         ----------
-        on_checkpoint : called with the `state` at most every `CHECKPOINT_PERIOD`, and at the
-            end
+        on_checkpoint : called with the `state` at most every `CHECKPOINT_PERIOD`, less often where
+            it takes long, and at the end
         reserve : given the s that the search has taken, returns the s of the time limit to leave
             for what comes after it
         """
-        began = saved = time.monotonic()
+        began = time.monotonic()
+        next_checkpoint = began + CHECKPOINT_PERIOD
         reason = self._stop_reason(criteria, 0.0, False) if self.iterations else None
         if not self.iterations:
             self.plan(criteria)
@@ -118,9 +122,11 @@ class Search(Resumable, ABC):
             seconds = time.monotonic() - began
             if on_progress is not None and evaluated:
                 on_progress(self._progress_since(before, seconds, criteria))
-            if on_checkpoint is not None and time.monotonic() - saved >= CHECKPOINT_PERIOD:
+            now = time.monotonic()
+            if on_checkpoint is not None and now >= next_checkpoint:
                 on_checkpoint(self.state())
-                saved = time.monotonic()
+                period = (time.monotonic() - now) / LARGEST_CHECKPOINT_SHARE
+                next_checkpoint = now + max(CHECKPOINT_PERIOD, period)
             spent = seconds + reserve(seconds)
             reason = self._stop_reason(criteria, spent, evaluated == 0)
         if on_checkpoint is not None:

@@ -32,7 +32,6 @@ from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
-from intuitive_physics_learner.store.observation_entries import COLUMNS
 
 APPLICATION_ID = 0x49505331
 """Distinguishes our files from other SQLite files: "IPS1"."""
@@ -109,25 +108,6 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
 
 FIRST_VERSION = 4
 """Schema version that the first entry leads to."""
-
-FIRST_ROWS = (
-    "SELECT received_at, json FROM observations LIMIT 1",
-    "SELECT id FROM observations ORDER BY id LIMIT 1",
-    f"SELECT {COLUMNS} FROM observation_entries LIMIT 1",
-    "SELECT status FROM observation_entries ORDER BY status LIMIT 1",
-    "SELECT id FROM observation_entries ORDER BY id LIMIT 1",
-    "SELECT revision FROM observation_entries ORDER BY revision LIMIT 1",
-    "SELECT has_detections FROM observation_entries ORDER BY has_detections LIMIT 1",
-    "SELECT MAX(last_time - first_time) FROM observation_entries",
-    "SELECT status, count FROM observation_counts",
-    "SELECT name, count FROM observed_materials ORDER BY number",
-    "SELECT revision FROM observation_set",
-    "SELECT learned_at, json FROM learned_parameters LIMIT 1",
-    "SELECT MAX(version) FROM learned_parameters",
-    "SELECT key, json FROM searches ORDER BY key LIMIT 1",
-    "SELECT json FROM online_state",
-)
-"""Queries that touch each table and index once, which takes no time that grows with the file."""
 
 PRIVATE = 0o600
 """Permissions of a new database: what a robot saw and learned is for its own user."""
@@ -285,8 +265,8 @@ class Database:
                     for statement in statements:
                         connection.execute(statement)
                 connection.execute(f"PRAGMA user_version = {latest_version()}")
-        for query in FIRST_ROWS:
-            self.rows(query)
+        for (table,) in self.rows("SELECT name FROM sqlite_master WHERE type = 'table'"):
+            self.rows(f"SELECT * FROM {table} LIMIT 1")
 
     @contextmanager
     def _explained(self, action: str) -> Iterator[None]:

@@ -184,11 +184,6 @@ class ObservationStore:
         rows = self.database.rows("SELECT name FROM observed_materials ORDER BY number")
         return tuple(name for (name,) in rows)
 
-    def ids(self) -> list[str]:
-        """Return the ids of all observations in the order in which they came."""
-        rows = self.database.rows("SELECT id FROM observation_entries ORDER BY number")
-        return [name for (name,) in rows]
-
     def entries(
         self,
         *,

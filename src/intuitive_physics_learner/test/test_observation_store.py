@@ -19,7 +19,7 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.processes import ChildProcess
 from intuitive_physics_learner import ObservationStore, StorageError
 from intuitive_physics_learner.store import database as database_module
-from intuitive_physics_learner.store.database import latest_version
+from intuitive_physics_learner.store.database import default_database_path, latest_version
 from intuitive_physics_learner.store.online_record import OnlineRecord
 
 PATIENCE = 60.0
@@ -358,3 +358,12 @@ def test_closed(store):
     store.close()
     with pytest.raises(StorageError, match="open it again"):
         store.count()
+
+
+def test_database_path_follows_xdg(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    assert default_database_path() == tmp_path / "intuitive_physics" / "learner.sqlite3"
+    monkeypatch.setenv("XDG_DATA_HOME", "relative")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    expected = tmp_path / ".local" / "share" / "intuitive_physics" / "learner.sqlite3"
+    assert default_database_path() == expected

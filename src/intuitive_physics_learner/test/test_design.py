@@ -32,10 +32,9 @@ from intuitive_physics_learner.design import (
     suggest,
 )
 from intuitive_physics_learner.design.expected_information import (
-    ExpectedPosteriors,
-    expected_posteriors,
+    Reduction,
+    expected_reductions,
 )
-from intuitive_physics_learner.search.gaussian import Gaussian
 
 FLOOR = Environment([Plane("floor", "floor", [0, 0, 1], 0.0)])
 RADIUS = 0.05
@@ -77,10 +76,11 @@ def deviation_after(options, posterior, view, simulator, name=E):
     rng = np.random.default_rng(0)
     (throw,) = options.draw(1, rng)
     units = posterior.draw(1, rng)
-    (part,) = expected_posteriors([throw], posterior, units, view, simulator, 0.0, rng)
     direction = np.eye(posterior.mean.size)[[posterior.space.names.index(name)]]
-    covariance = Gaussian.of(posterior, bounded=True).covariance
-    return np.sqrt(part.reduction(covariance, direction).variances[0, 0])
+    ((_, reduction),) = expected_reductions(
+        [throw], posterior, direction, units, view, simulator, 0.0, rng
+    )
+    return np.sqrt(reduction.variances[0, 0])
 
 
 def test_information_of_a_drop_is_that_of_the_closed_form(event_driven):
@@ -144,8 +144,7 @@ def test_the_fall_of_a_determinant_is_that_of_the_whole_matrices():
         information[np.ix_(rows, rows)] = part @ part.T
         after.append(np.linalg.inv(np.linalg.inv(covariance) + information))
     small = np.array([whole[np.ix_(o, o)] for whole, o in zip(after, parameters, strict=True)])
-    posteriors = ExpectedPosteriors(np.arange(2), parameters, small[None])
-    reduction = posteriors.reduction(covariance, directions)
+    reduction = Reduction.of(covariance, directions, parameters, small)
     blur = 0.3
     for w, whole in enumerate(after):
         expected = directions @ whole @ directions.T

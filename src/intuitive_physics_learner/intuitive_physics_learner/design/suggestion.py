@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.simulation import Simulator
-from intuitive_physics_learner.design.expected_information import expected_posteriors
+from intuitive_physics_learner.design.expected_information import expected_reductions
 from intuitive_physics_learner.design.questions import AboutMotion, AboutParameters, Question
 from intuitive_physics_learner.design.throws import Throw, ThrowOptions, ViewingConditions
-from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.store import ObservationStore
 from intuitive_physics_learner.store.observation_entries import USED
 
@@ -116,21 +115,19 @@ def suggest(
         When the simulator's flag was set.
     """
     directions = question.directions(posterior, simulator, rng)
-    covariance = Gaussian.of(posterior, bounded=True).covariance
     units = posterior.draw(draws, rng)
     names, scales = zip(*question.functions(posterior), strict=True)
 
     def judged(throws: list[Throw]) -> list[Suggestion]:
         """Judge throws, in their order."""
         suggestions: dict[int, Suggestion] = {}
-        for part in expected_posteriors(
-            throws, posterior, units, viewing, simulator, execution_error, rng
+        for members, reduction in expected_reductions(
+            throws, posterior, directions, units, viewing, simulator, execution_error, rng
         ):
-            reduction = part.reduction(covariance, directions)
             gains = question.information(reduction)
             before = np.sqrt(np.diag(reduction.before)) * scales
             after = np.sqrt(reduction.variances) * scales
-            for i, gain, left in zip(part.throws, gains, after, strict=True):
+            for i, gain, left in zip(members, gains, after, strict=True):
                 suggestions[int(i)] = Suggestion(throws[i], float(gain), names, before, left)
         return [suggestions[i] for i in range(len(throws))]
 

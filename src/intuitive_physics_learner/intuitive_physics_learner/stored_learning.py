@@ -133,15 +133,13 @@ def learn_from_store(
         check_environments(observations, simulator)
         raise
     simulator.stop_flag.check()
-    stored = _stored(store, result.learned, begun, [each.id for each in observations])
-    if result.assessments:
-        store.apply_assessments(result.assessments)
+    stored = _stored(store, result, begun, [each.id for each in observations])
     store.delete_search(key)
     return replace(result, learned=stored)
 
 
 def _stored(
-    store: ObservationStore, learned: LearnedParameters, begun: int, learned_from: Sequence[str]
+    store: ObservationStore, result: LearningResult, begun: int, learned_from: Sequence[str]
 ) -> LearnedParameters:
     """Store what a search found that began from version `begun`, unless values were given since."""
     while True:
@@ -154,7 +152,7 @@ def _stored(
                         f"ran, which began from version {begun}; what it found was not stored: "
                         "learn again, which takes account of what was given"
                     )
-        stored = store.add_improvement(learned, newest, learned_from)
+        stored = store.add_improvement(result.learned, newest, learned_from, result.assessments)
         if stored is not None:
             return stored
 

@@ -513,9 +513,10 @@ def test_window_is_learned_again_after_a_search(store, glide, gliding, searched,
 def test_what_comes_after_a_search_is_learned_whatever_it_doubted(store, glide, gliding, doubtful):
     generator = np.random.default_rng(15)
     store.add_all([gliding(generator, 0.8) for _ in range(8)])
-    learn_from_store(store, glide, LearningOptions())
+    learned = learn_from_store(store, glide, LearningOptions()).learned
     ids = [entry.id for entry in store.entries()]
-    store.apply_assessments([Assessment(name, 0.1, "kicked", DOUBTFUL) for name in ids[:doubtful]])
+    doubts = [Assessment(name, 0.1, "kicked", DOUBTFUL) for name in ids[:doubtful]]
+    assert store.add_improvement(learned, learned.version, ids, doubts) is not None
     store.add_all([gliding(generator, 0.8) for _ in range(3)])
     learning = learn_all(store, glide)
     assert learning.learner.state.processed == 3

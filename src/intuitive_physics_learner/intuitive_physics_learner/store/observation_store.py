@@ -272,20 +272,6 @@ class ObservationStore:
         self.observations(ids)
         return self._set_status(ids, USED, 1.0, INCLUDED_BY_USER)
 
-    def apply_assessments(self, assessments: Sequence[Assessment]) -> int:
-        """Store what a learner thinks of observations, all in one transaction.
-
-        Those that the user excluded or included, that cannot be read or were deleted stay as they
-        are. What is doubtful comes back with an assessment of status `USED`. The revision stays.
-
-        Returns
-        -------
-        int
-            How many were assessed.
-        """
-        with self.database.writing() as connection:
-            return _assess(connection, assessments)
-
     def delete(self, ids: Sequence[str]) -> int:
         """Delete observations for good; return how many there were."""
         with self.database.writing() as connection:
@@ -369,11 +355,16 @@ class ObservationStore:
                 return stored
 
     def add_improvement(
-        self, learned: LearnedParameters, on: int, learned_from: Sequence[str] = ()
+        self,
+        learned: LearnedParameters,
+        on: int,
+        learned_from: Sequence[str] = (),
+        assessments: Sequence[Assessment] = (),
     ) -> LearnedParameters | None:
         """Store θ_s as the next version if `on` is still the newest; None if it is not.
 
-        `learned_from` are the ids of the observations that a search has learned it from.
+        `learned_from` are the ids of the observations that a search has learned it from, and
+        `assessments` what it thinks of them, as `save_online` takes it.
         """
         numbered = replace(learned, version=on + 1)
         text = json.dumps(numbered.to_dict(), allow_nan=False)
@@ -387,6 +378,7 @@ class ObservationStore:
                 "WHERE id IN (SELECT value FROM json_each(?))",
                 (numbered.version, json.dumps(list(learned_from))),
             )
+            _assess(connection, assessments)
         return numbered
 
     def save_online(
@@ -403,7 +395,9 @@ class ObservationStore:
         state : JSON text
         on : version of θ_s that the state knows; nothing is saved if there is a newer one
         learned : the next version of θ_s; None if there is none
-        assessments : of observations, as `apply_assessments`
+        assessments : of observations. Those that the user excluded or included, that cannot be
+            read or were deleted stay as they are; what is doubtful comes back with the status
+            `USED`. The revision stays.
 
         Returns
         -------
@@ -584,14 +578,14 @@ def _insert_version(connection: sqlite3.Connection, version: int, text: str) -> 
     )
 
 
-def _assess(connection: sqlite3.Connection, assessments: Sequence[Assessment]) -> int:
+def _assess(connection: sqlite3.Connection, assessments: Sequence[Assessment]) -> None:
     constants = {"used": USED, "doubtful": DOUBTFUL, "included": INCLUDED_BY_USER}
-    return connection.executemany(
+    connection.executemany(
         "UPDATE observation_entries SET status = :status, weight = :weight, reason = :reason "
         "WHERE id = :id AND status IN (:used, :doubtful) "
         "AND NOT (status = :used AND reason = :included)",
         [{**vars(assessment), **constants} for assessment in assessments],
-    ).rowcount
+    )
 
 
 def _newest_version(connection: sqlite3.Connection) -> int:

@@ -69,7 +69,7 @@ class OnlineLearner:
     ) -> None:
         self._simulator = simulator
         self._options = options or OnlineOptions()
-        self.state = OnlineState.empty() if state is None else state
+        self.state = OnlineState() if state is None else state
         self.problem = ""
         self._observations = {observation.id: observation for observation in observations}
         self._recall = recall

@@ -111,12 +111,14 @@ def next_version(state: OnlineState, cost: float) -> LearnedParameters:
     one_sided = is_one_sided(state.free, widths) & ~held
     ends = interval_ends(state.unit, state.free, widths, one_sided)
     intervals = ends_in_si_units(space, state.unit, ends, np.arange(widths.size))
-    new = ~_kept_intervals(state)
+    known = published.whole_posterior().within(space.bounds)
+    # A published interval stays as long as nothing has changed what is known of its parameter.
+    new = _differs(state, Gaussian.of(known, held).bounded(state.centre))
+    new |= np.isnan(known.intervals[:, 0])
     values, before = parameter_vector(state.parameters), parameter_vector(published.parameters)
     parameters = parameters_of_vector(names, np.where(new, values, before))
     identified = np.where(new, held | (widths < LARGEST_DEVIATION), published.identified)
     deviations = np.where(new, deviations, published.standard_deviations)
-    known = published.whole_posterior().within(space.bounds)
     posterior = known.renewed(new, space.to_unit(parameters), information, ends)
     if published.given is not None:
         posterior = published.given.imposed_on(posterior, parameters)
@@ -133,16 +135,6 @@ def next_version(state: OnlineState, cost: float) -> LearnedParameters:
         given=published.given,
         initial_spins=state.initial_spins(),
     )
-
-
-def _kept_intervals(state: OnlineState) -> NDArray[np.bool_]:
-    """Which parameters (n,) have a published one-sided interval that nothing has changed since."""
-    published = state.published
-    if published is None:
-        return np.zeros(state.unit.size, dtype=bool)
-    posterior = published.whole_posterior().within(state.space.bounds)
-    before = Gaussian.of(posterior, state.held).bounded(state.centre)
-    return ~np.isnan(posterior.intervals[:, 0]) & ~_differs(state, before)
 
 
 def _differs(state: OnlineState, before: Gaussian) -> NDArray[np.bool_]:

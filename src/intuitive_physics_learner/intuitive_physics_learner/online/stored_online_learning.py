@@ -96,10 +96,10 @@ class StoredOnlineLearning:
     def _resumed(self) -> OnlineLearner:
         text = self._record.state()
         try:
-            state = OnlineState.empty() if text is None else OnlineState.from_json(text)
+            state = OnlineState() if text is None else OnlineState.from_json(text)
         except InvalidInputError as error:
             self.problem = f"{error}; all observations are learned from again"
-            state = OnlineState.empty()
+            state = OnlineState()
         used = self._record.still_used([member.id for member in state.past])
         state.past = [member for member in state.past if member.id in used]
         kept = self._record.kept([member.id for member in (*state.window, *state.doubtful)])

@@ -15,7 +15,7 @@ searches             key, saved_at (Unix time), version (of θ_s that it began f
 
 Triggers keep the counts, the materials and the entries of deleted observations right, whichever
 program writes. Opening reads the header and one row of each table, not the whole file: damage
-elsewhere is found when what is damaged is read, or by `Database.damage`.
+elsewhere is found when what is damaged is read, or by `Database.check`.
 """
 
 from __future__ import annotations
@@ -228,14 +228,16 @@ class Database:
                     self._connection.execute("ROLLBACK")
                 raise
 
-    def damage(self) -> str:
-        """Read the whole file, and return what is wrong with it; empty: nothing.
+    def check(self) -> None:
+        """Read the whole file; a `StorageError` says what is wrong with it.
 
         Takes about a second for each 500 MB, and longer from a slow disk.
         """
         with self.reading() as connection:
             problems = " ".join(_quick_check(connection, 5))
-        return "" if problems == "ok" else problems
+            if problems != "ok":
+                self._damage = f" ({problems})"
+                raise StorageError(self._damaged())
 
     def _make_private(self) -> None:
         """Make a file that does not exist yet so that only its owner can read it.

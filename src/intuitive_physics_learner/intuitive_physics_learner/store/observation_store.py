@@ -325,12 +325,7 @@ class ObservationStore:
 
         They are marked so; those that were marked and can be read are used again.
         """
-        damage = self.database.damage()
-        if damage:
-            raise StorageError(
-                f"{self.path} is damaged ({damage}); it was left as it is: restore a copy of it, "
-                f"or save what can be saved with: sqlite3 {self.path} .recover"
-            )
+        self.database.check()
         deque(self.each_observation((USED, DOUBTFUL, EXCLUDED)), maxlen=0)
         readable = [
             (entry.id, observation)

@@ -102,8 +102,7 @@ class StoredOnlineLearning:
             state = OnlineState()
         used = self._record.still_used([member.id for member in state.past])
         state.past = [member for member in state.past if member.id in used]
-        kept = self._record.kept([member.id for member in (*state.window, *state.doubtful)])
-        return OnlineLearner(self._simulator, self._options, state, kept, self._record.kept)
+        return OnlineLearner(self._simulator, self._options, state, self._record.kept)
 
     def _adopt(self) -> None:
         """Take over the newest θ_s, which others have stored."""

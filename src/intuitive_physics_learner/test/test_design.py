@@ -26,7 +26,6 @@ from intuitive_physics_learner.design import (
     AboutParameters,
     ThrownObject,
     ThrowOptions,
-    ThrowRanges,
     ViewingConditions,
     expected_information,
     suggest,
@@ -47,13 +46,13 @@ PERFECT = {"execution_error": 0.0, "draws": 1}
 
 def ranges(position, velocity, spin=(0.0, 0.0, 0.0)):
     """Ranges of no width."""
-    return ThrowRanges(*(np.stack([each, each], axis=1) for each in (position, velocity, spin)))
+    return [np.stack([each, each], axis=1) for each in (position, velocity, spin)]
 
 
 def thrown(position, velocity, deviations=(0.0, 0.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0)):
     """Throw the ball in one way only."""
     covariance = np.diag(np.repeat(deviations, 3)) ** 2
-    ball = ThrownObject(BALL, ranges(position, velocity, spin), covariance)
+    ball = ThrownObject(BALL, *ranges(position, velocity, spin), covariance)
     return ThrowOptions(FLOOR, ((ball,),))
 
 
@@ -251,8 +250,9 @@ WIDE = ThrowOptions(
         (
             ThrownObject(
                 BALL,
-                ThrowRanges([[-1, 1], [-1, 1], [-0.5, 1]], [[-3, 3], [0, 0], [-1, 1]]),
-                np.diag(np.repeat([0.002, 0.0, 0.05, 0.1], 3)) ** 2,
+                [[-1, 1], [-1, 1], [-0.5, 1]],
+                [[-3, 3], [0, 0], [-1, 1]],
+                covariance=np.diag(np.repeat([0.002, 0.0, 0.05, 0.1], 3)) ** 2,
             ),
         ),
     ),
@@ -308,9 +308,9 @@ def test_throws_lie_within_their_ranges_and_outside_of_everything(ends, count, s
     parts = ends[:3], ends[3:6], ends[6:]
     if wrong:
         with pytest.raises(InvalidInputError, match="expected lowest ≤ highest"):
-            ThrowRanges(*parts)
+            ThrownObject(BALL, *parts)
         return
-    options = ThrowOptions(FLOOR, ((ThrownObject(BALL, ThrowRanges(*parts)),),))
+    options = ThrowOptions(FLOOR, ((ThrownObject(BALL, *parts),),))
     if ends[2][1] < RADIUS:
         with pytest.raises(InvalidInputError, match="expected ranges in which objects are outside"):
             options.draw(count, np.random.default_rng(seed))
@@ -336,8 +336,8 @@ def test_throws_of_observed_objects(throws):
     options = ThrowOptions.of_observations(observations)
     ((ball,),) = options.casts
     states = np.array([each.objects[0].initial_state.to_vector() for each in observations])
-    np.testing.assert_allclose(ball.ranges.position[:, 0], states[:, 0:3].min(axis=0))
-    np.testing.assert_allclose(ball.ranges.linear_velocity[:, 1], states[:, 7:10].max(axis=0))
+    np.testing.assert_allclose(ball.position[:, 0], states[:, 0:3].min(axis=0))
+    np.testing.assert_allclose(ball.linear_velocity[:, 1], states[:, 7:10].max(axis=0))
     view = ViewingConditions.of_observations(observations)
     np.testing.assert_allclose(view.times, np.arange(60) / 30.0, atol=1e-9)
     # Third differences of bounces count a little.

@@ -332,9 +332,8 @@ def test_a_place_where_no_database_can_be(tmp_path, place, message):
     assert not Path("/nowhere-at-all").exists()
 
 
-def test_locked_by_another_process(path, observation, monkeypatch):
-    monkeypatch.setattr(database_module, "BUSY_TIMEOUT", 0.05)
-    with ObservationStore(path) as store:
+def test_locked_by_another_process(path, observation):
+    with ObservationStore(path, busy_timeout=0.05) as store:
         other = sqlite3.connect(path, isolation_level=None)
         other.execute("BEGIN IMMEDIATE")
         with pytest.raises(StorageError, match="another process"):

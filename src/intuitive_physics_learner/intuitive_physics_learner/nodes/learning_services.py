@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from array import array
 from collections.abc import Callable
@@ -105,9 +104,6 @@ so never asks for it: it waited for 0.5 s now and then."""
 Work = Callable[[Callable[[SearchProgress], None], StopFlag], LearningResult]
 """Takes `on_progress`, as `learn_from_store` does, and a flag that its simulations stop by."""
 
-NO_PROGRESS = SearchProgress(0, math.inf, (), 0.0, math.inf)
-"""Of a search that has just begun."""
-
 
 @dataclass(eq=False)
 class RequestedSearch:
@@ -133,7 +129,7 @@ class RequestedSearch:
     begun: bool = False
     ended: bool = False
     answered: bool = False
-    progress: SearchProgress = NO_PROGRESS
+    progress: SearchProgress = field(default_factory=SearchProgress)
     costs: array[float] = field(default_factory=lambda: array("d"))
     reported: int = 0
     learned: LearnedParameters | None = None

@@ -170,9 +170,8 @@ class Search(Resumable, ABC):
         if criteria.max_iterations is not None:
             pace = seconds / max(1, self.iterations)
             left = min(left, pace * max(0, criteria.max_iterations - self.iterations))
-        return SearchProgress(
-            self.iterations, self.best_cost, tuple(self._history[before:]), seconds, float(left)
-        )
+        new_costs = tuple(self._history[before:])
+        return SearchProgress(self.iterations, self.best_cost, new_costs, float(left))
 
 
 class ParameterSearch(Search):

@@ -163,14 +163,13 @@ def _check_place(folder: Path) -> None:
 class Database:
     """An open file; may be used from several threads, and the file by several processes.
 
-    `busy_timeout` in s to wait for another process that writes; None takes `BUSY_TIMEOUT`.
+    `busy_timeout` in s to wait for another process that writes.
     """
 
-    def __init__(self, path: str | os.PathLike[str], busy_timeout: float | None) -> None:
+    def __init__(self, path: str | os.PathLike[str], busy_timeout: float) -> None:
         self.path = Path(path).expanduser()
         self._lock = threading.RLock()
         self._damage: str | None = None
-        timeout = BUSY_TIMEOUT if busy_timeout is None else busy_timeout
         _check_place(self.path.parent)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -182,7 +181,7 @@ class Database:
         with self._explained("open"):
             self._make_private()
             self._connection = sqlite3.connect(
-                self.path, timeout=timeout, isolation_level=None, check_same_thread=False
+                self.path, timeout=busy_timeout, isolation_level=None, check_same_thread=False
             )
         # One text with a broken byte is one unreadable row and no more.
         self._connection.text_factory = lambda text: text.decode(errors="replace")

@@ -29,7 +29,7 @@ from intuitive_physics_learner.errors import (
     StorageError,
     UnreadableVersionError,
 )
-from intuitive_physics_learner.store.database import Database
+from intuitive_physics_learner.store.database import BUSY_TIMEOUT, Database
 from intuitive_physics_learner.store.observation_entries import (
     COLUMNS,
     DOUBTFUL,
@@ -76,8 +76,7 @@ class ObservationStore:
     Parameters
     ----------
     path : of the database; it and its folder are made where they do not exist
-    busy_timeout : s to wait for another process that writes, before a `DatabaseBusyError`; None
-        takes `database.BUSY_TIMEOUT`
+    busy_timeout : s to wait for another process that writes, before a `DatabaseBusyError`
 
     Attributes
     ----------
@@ -94,7 +93,7 @@ class ObservationStore:
         By methods that take ids or statuses, when there is none of that name; then nothing changes.
     """
 
-    def __init__(self, path: str | os.PathLike[str], busy_timeout: float | None = None) -> None:
+    def __init__(self, path: str | os.PathLike[str], busy_timeout: float = BUSY_TIMEOUT) -> None:
         self.database = Database(path, busy_timeout)
         self.path = self.database.path
         self._unreadable_versions: dict[int, str] = {}

@@ -239,8 +239,8 @@ class ClusterCost(Cost):
 
     def _sent(self, cost: TrajectoryCost) -> Any:
         """The observations on all workers."""
+        self._client.wait_for_workers(1, timeout=CONNECT_TIMEOUT)
         there = self._client.submit(_same, cost, pure=False)
-        _distributed().wait(there, timeout=CONNECT_TIMEOUT)
         # Raised by the scheduler where a worker dies that it was about to copy them to.
         with suppress(KeyError):
             self._client.replicate(there)
@@ -296,20 +296,14 @@ def dask_setup(_worker: Any) -> None:
     _log_in_lines()
 
 
-class _OneLine(logging.Filter):
-    """Has a log record say its exception in the one line of its message, without a traceback."""
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        words = record.getMessage().split()
-        if record.exc_info and (error := record.exc_info[1]) is not None:
-            words += f"({type(error).__name__}: {error})".split()
-        record.msg, record.args = " ".join(words), ()
-        record.exc_info = record.exc_text = None
-        return True
-
-
-_ONE_LINE = _OneLine()
-"""One for all, as a handler takes the same filter once only."""
+def _in_one_line(record: logging.LogRecord) -> bool:
+    """Have a log record say its exception in the one line of its message, without a traceback."""
+    words = record.getMessage().split()
+    if record.exc_info and (error := record.exc_info[1]) is not None:
+        words += f"({type(error).__name__}: {error})".split()
+    record.msg, record.args = " ".join(words), ()
+    record.exc_info = record.exc_text = None
+    return True
 
 
 def _log_in_lines() -> None:
@@ -319,8 +313,8 @@ def _log_in_lines() -> None:
     """
     for name in ("distributed", "tornado", "tornado.application"):
         for handler in logging.getLogger(name).handlers:
-            handler.addFilter(_ONE_LINE)
-    logging.getLogger("asyncio").addFilter(_ONE_LINE)
+            handler.addFilter(_in_one_line)
+    logging.getLogger("asyncio").addFilter(_in_one_line)
 
 
 def _distributed() -> Any:

@@ -39,7 +39,6 @@ from intuitive_physics_learner.design import (
     Throw,
     ThrownObject,
     ThrowOptions,
-    ThrowRanges,
     ViewingConditions,
     suggest,
 )
@@ -80,7 +79,7 @@ RATE = 30.0  # 1/s, of the camera
 DURATION = 1.5  # s of a track at most
 VIEW = np.array([[-1.5, 1.5], [-1.5, 1.5], [-0.1, 2.0]])  # m, the space that the camera sees
 RADIUS = 0.04  # m, of the balls
-RANGES = ThrowRanges(
+RANGES = (
     np.array([[-1.0, 0.9], [-1.0, 1.0], [RADIUS, 1.0]]),
     np.array([[-2.0, 2.0], [-2.0, 2.0], [-1.0, 1.0]]),
 )
@@ -127,7 +126,11 @@ class _World:
         self.options = ThrowOptions(
             ENVIRONMENT,
             tuple(
-                (ThrownObject(SceneObject(name, name, Sphere(RADIUS)), RANGES, covariance),)
+                (
+                    ThrownObject(
+                        SceneObject(name, name, Sphere(RADIUS)), *RANGES, covariance=covariance
+                    ),
+                )
                 for name in BALLS
             ),
         )

@@ -75,7 +75,7 @@ def test_what_is_exported_can_be_imported(
     assert "3 observations in" in run(capsys, "export", database, output)
     assert main(["import", "b.sqlite3", output]) == 0
     with ObservationStore("b.sqlite3") as store:
-        assert sorted(store.ids()) == ["b", "c", "d"]
+        assert sorted([each.id for each in store.entries()]) == ["b", "c", "d"]
     capsys.readouterr()
     assert run_json(capsys, "export", database, "one", "a")["exported"] == 1
 

@@ -4,7 +4,6 @@ from intuitive_physics_learner.cost.cost_function import Cost, TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import active_parameters
 from intuitive_physics_learner.cost.trials import Trials
 from intuitive_physics_learner.errors import (
-    LearningCancelledError,
     MissingDependencyError,
     NoObservationsError,
     StorageError,
@@ -45,7 +44,6 @@ __all__ = [
     "ConvergenceCriteria",
     "Cost",
     "Identifiability",
-    "LearningCancelledError",
     "LearningOptions",
     "LearningResult",
     "MissingDependencyError",

@@ -45,13 +45,6 @@ class DatabaseBusyError(StorageError):
     """Another process has been writing for too long; the same may succeed later."""
 
 
-class LearningCancelledError(IntuitivePhysicsError):
-    """Learning was cancelled before its end; nothing was stored."""
-
-    def __init__(self, message: str = "learning was cancelled; nothing was stored") -> None:
-        super().__init__(message)
-
-
 class SupersededError(IntuitivePhysicsError):
     """θ_s was set by others while it was learned; what was learned was not stored."""
 

@@ -30,11 +30,10 @@ from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics.trajectory import MEAN_DISTANCE
 from intuitive_physics_learner.assessment import assess_observations, reassessed
 from intuitive_physics_learner.assessment.undisturbed_motion import undisturbed_misfits
-from intuitive_physics_learner.cost.cost_function import Cost, MakeCost, TrajectoryCost
+from intuitive_physics_learner.cost.cost_function import MakeCost, TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.point_noise import detected
-from intuitive_physics_learner.cost.wrapped_costs import InterruptibleCost
-from intuitive_physics_learner.errors import LearningCancelledError, NoObservationsError
+from intuitive_physics_learner.errors import NoObservationsError
 from intuitive_physics_learner.given_parameters import check_within_bounds
 from intuitive_physics_learner.joint_search import JointSearch
 from intuitive_physics_learner.joint_search.identifiability import (
@@ -51,7 +50,6 @@ from intuitive_physics_learner.search.convergence import (
     ConvergenceCriteria,
     SearchProgress,
     SearchResult,
-    StopReason,
 )
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import LearningTask
@@ -130,7 +128,6 @@ def learn(
     *,
     previous: LearnedParameters | None = None,
     on_progress: Callable[[SearchProgress], None] | None = None,
-    cancelled: Callable[[], bool] | None = None,
     resume: Mapping[str, Any] | None = None,
     on_checkpoint: Callable[[dict[str, Any]], None] | None = None,
     make_cost: MakeCost = TrajectoryCost,
@@ -145,14 +142,14 @@ def learn(
     Parameters
     ----------
     observations : to learn from
-    simulator : the engine that simulates candidates; None: `auto`, with one thread
+    simulator : the engine that simulates candidates, by whose flag (`stopped_by`) learning
+        is cancelled; None: `auto`, with one thread
     options : how to learn; None: all as `LearningOptions` has it
     previous : θ_s to start from; None starts from the defaults. Its materials that were not
         observed do not change, nor do parameters that J does not depend on. What a user gave
         (`LearnedParameters.given`) holds: fixed values are not searched, and joint estimation takes
         priors as such; rules that lower J only begin at their values.
     on_progress : called after each step of the search
-    cancelled : polled between shares of simulations
     resume : what `on_checkpoint` was given by a search with the same observations, options and
         previous θ_s, which continues exactly as if it had not stopped
     on_checkpoint : called about once a second with the state of the search, as plain JSON data
@@ -166,8 +163,8 @@ def learn(
         When no method has the name given.
     UnsupportedSceneError
         When the simulator cannot express an observation.
-    LearningCancelledError
-        When `cancelled` returned True.
+    SimulationStoppedError
+        When the simulator's flag was set.
     InvalidInputError
         When no object was seen with anything it could touch, all that could be searched is held, a
         given value lies outside the bounds, `resume` is of another search, or the method has no
@@ -175,7 +172,7 @@ def learn(
     """
     simulator = simulator or make_simulator("auto")
     clean, assessments, options = _assessed(observations, options or LearningOptions())
-    previous, task = _begin(clean, simulator, options, previous, cancelled, make_cost)
+    previous, task = _begin(clean, simulator, options, previous, make_cost)
     search = make_search(
         options.method, task, np.random.default_rng(options.seed), options.rule_settings
     )
@@ -191,13 +188,10 @@ def learn(
     outcome = search.run(
         options.criteria,
         on_progress=on_progress,
-        cancelled=cancelled,
         on_checkpoint=on_checkpoint
         and (lambda state: on_checkpoint({**identity, "search": state})),
         reserve=lambda seconds: 0.0 if limit is None else _reserved(search, task, seconds, limit),
     )
-    if outcome.stop_reason is StopReason.CANCELLED:
-        raise LearningCancelledError
     if task.start_was_learned and search.keep_start(task):
         kept = search.best_parameters
         outcome = replace(outcome, parameters=kept, cost=float(task.cost.costs([kept])[0]))
@@ -261,7 +255,7 @@ def search_parameters(
         As `learn`.
     """
     clean, _, options = _assessed(observations, options)
-    _, task = _begin(clean, simulator, options, None, None, TrajectoryCost)
+    _, task = _begin(clean, simulator, options, None, TrajectoryCost)
     search = make_search(
         options.method, task, np.random.default_rng(options.seed), options.rule_settings
     )
@@ -273,7 +267,6 @@ def _begin(
     simulator: Simulator,
     options: LearningOptions,
     previous: LearnedParameters | None,
-    cancelled: Callable[[], bool] | None,
     make_cost: MakeCost,
 ) -> tuple[LearnedParameters, LearningTask]:
     """Return θ_s to begin from, over all materials, and the task of the search."""
@@ -286,14 +279,11 @@ def _begin(
     previous = previous.extended(tuple(dict.fromkeys((*previous.materials, *observed))))
     # In the order of all known materials, so that a pair has the same name in both.
     materials = tuple(name for name in previous.materials if name in observed)
-
-    def cost_over(some: Sequence[Observation]) -> Cost:
-        cost = make_cost(some, simulator, materials, options.distance)
-        return cost if cancelled is None else InterruptibleCost(cost, cancelled)
-
-    cost, detected_cost = cost_over(observations), None
+    cost = make_cost(observations, simulator, materials, options.distance)
+    detected_cost = None
     if any(thing.detections is not None for each in observations for thing in each.objects):
-        detected_cost = cost_over([detected(observation) for observation in observations])
+        points = [detected(observation) for observation in observations]
+        detected_cost = make_cost(points, simulator, materials, options.distance)
     start = previous.parameters.extended(materials)
     influence = parameter_influence(observations, materials)
     if not influence.any():

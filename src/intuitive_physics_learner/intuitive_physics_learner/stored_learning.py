@@ -23,7 +23,6 @@ from intuitive_physics.state import ObjectState
 from intuitive_physics_learner.cost.cost_function import MakeCost, TrajectoryCost
 from intuitive_physics_learner.errors import (
     IncompatibleEnvironmentError,
-    LearningCancelledError,
     NoObservationsError,
     SupersededError,
     UnreadableVersionError,
@@ -62,11 +61,8 @@ def check_environments(observations: Sequence[Observation], simulator: Simulator
             ) from None
 
 
-STATE_FORM = 3
+STATE_FORM = 4
 """Form of the states of searches: one that a program with another form left begins again."""
-
-LARGEST_SAVING_SHARE = 0.05
-"""Part of a search's time that may be spent on storing its state."""
 
 
 def learn_from_store(
@@ -75,7 +71,6 @@ def learn_from_store(
     options: LearningOptions,
     *,
     on_progress: Callable[[SearchProgress], None] | None = None,
-    cancelled: Callable[[], bool] | None = None,
     make_cost: MakeCost = TrajectoryCost,
 ) -> LearningResult:
     """Learn from stored observations, starting from the newest θ_s, and store the next version.
@@ -87,10 +82,9 @@ def learn_from_store(
     Parameters
     ----------
     store : of observations and θ_s
-    simulator : the engine that simulates candidates
+    simulator : the engine that simulates candidates, by whose flag learning is cancelled
     options : how to learn
     on_progress : called after each step of the search
-    cancelled : polled between batches of candidates
     make_cost : what evaluates J; by default this process
 
     Raises
@@ -101,8 +95,8 @@ def learn_from_store(
         When no method or no observation has the name given.
     IncompatibleEnvironmentError, UnsupportedSceneError
         When the simulator cannot express the environment of an observation, or its objects.
-    LearningCancelledError
-        When `cancelled` returned True; no version is stored then.
+    SimulationStoppedError
+        When the simulator's flag was set; no version is stored then.
     SupersededError
         When a user gave values meanwhile, which this search knows nothing of.
     StorageError
@@ -118,7 +112,12 @@ def learn_from_store(
     key = _key(observations, simulator, options)
     saved = store.saved_search(key, begun)
     # A time limit counts from the first start.
-    seconds = saved.get("seconds", 0.0)
+    seconds, began = saved.get("seconds", 0.0), time.monotonic()
+
+    def save(state: Mapping[str, Any]) -> None:
+        spent = seconds + time.monotonic() - began
+        store.save_search(key, begun, {"state": state, "seconds": spent})
+
     try:
         result = learn(
             observations,
@@ -126,25 +125,21 @@ def learn_from_store(
             replace(options, criteria=options.criteria.after(seconds)),
             previous=previous,
             on_progress=on_progress,
-            cancelled=cancelled,
             resume=saved.get("state"),
-            on_checkpoint=_saving(store, key, begun, seconds),
+            on_checkpoint=save,
             make_cost=make_cost,
         )
     except UnsupportedSceneError:
         check_environments(observations, simulator)
         raise
-    if cancelled is not None and cancelled():
-        raise LearningCancelledError
-    stored = _stored(store, result.learned, begun, [each.id for each in observations])
-    if result.assessments:
-        store.apply_assessments(result.assessments)
+    simulator.stop_flag.check()
+    stored = _stored(store, result, begun, [each.id for each in observations])
     store.delete_search(key)
     return replace(result, learned=stored)
 
 
 def _stored(
-    store: ObservationStore, learned: LearnedParameters, begun: int, learned_from: Sequence[str]
+    store: ObservationStore, result: LearningResult, begun: int, learned_from: Sequence[str]
 ) -> LearnedParameters:
     """Store what a search found that began from version `begun`, unless values were given since."""
     while True:
@@ -157,7 +152,7 @@ def _stored(
                         f"ran, which began from version {begun}; what it found was not stored: "
                         "learn again, which takes account of what was given"
                     )
-        stored = store.add_improvement(learned, newest, learned_from)
+        stored = store.add_improvement(result.learned, newest, learned_from, result.assessments)
         if stored is not None:
             return stored
 
@@ -178,23 +173,6 @@ def _observations(
     pairs = list(store.each_observation((USED, DOUBTFUL)))
     trusted = [entry.id for entry, _ in pairs if entry.reason == INCLUDED_BY_USER]
     return [observation for _, observation in pairs], replace(options, trusted_ids=trusted)
-
-
-def _saving(
-    store: ObservationStore, key: str, version: int, seconds: float
-) -> Callable[[Mapping[str, Any]], None]:
-    """Return what stores the states of a search, on which `seconds` were spent before."""
-    began = time.monotonic()
-    next_saving = 0.0
-
-    def save(state: Mapping[str, Any]) -> None:
-        nonlocal next_saving
-        now = time.monotonic()
-        if now >= next_saving:
-            store.save_search(key, version, {"state": state, "seconds": seconds + now - began})
-            next_saving = now + (time.monotonic() - now) / LARGEST_SAVING_SHARE
-
-    return save
 
 
 def _key(

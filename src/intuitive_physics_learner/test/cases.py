@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.observation import Observation, ObservedObject
 from intuitive_physics.parameter_space import ParameterSpace
@@ -12,6 +13,7 @@ from intuitive_physics.shapes import Box
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.online import OnlineLearner, OnlineOptions, OnlineState
 from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.segmented_estimation.chaotic_states import (
     VELOCITY_STEP,
@@ -71,3 +73,25 @@ def box_throws(simulator, parameters, count, noise, generator):
         track = ObservedObject(thing, Trajectory(times, seen), believed)
         observations.append(Observation(FLOOR, (track,), 0.0, id=f"throw_{number}"))
     return observations, np.array(states)
+
+
+class StorelessLearner(OnlineLearner):
+    """Keeps all observations itself."""
+
+    def __init__(self, simulator, options=None, state=None, seen=()):
+        self.seen = {observation.id: observation for observation in seen}
+        super().__init__(
+            simulator,
+            options or OnlineOptions(),
+            state or OnlineState(),
+            lambda ids: [self.seen[name] for name in ids if name in self.seen],
+        )
+
+    def learn_from_all(self, observations, *others, **named):
+        self.seen |= {observation.id: observation for observation in observations}
+        return super().learn_from_all(observations, *others, **named)
+
+    def learn_from(self, observation):
+        """Learn from one more observation; return the newest published θ_s."""
+        self.learn_from_all([observation])
+        return self.state.published or LearnedParameters.defaults(observation.materials)

@@ -13,9 +13,10 @@ import numpy as np
 import psutil
 import pytest
 
-from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.errors import InvalidInputError, SimulationStoppedError
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.simulation import make_simulator
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics.trajectory import DISTANCES
 from intuitive_physics_learner import (
     ConvergenceCriteria,
@@ -75,6 +76,15 @@ def test_learning_is_the_same_with_and_without(two_processes, throws):
     there = learn(observed, simulator, options, make_cost=two_processes)
     assert there.learned.to_dict() == here.learned.to_dict()
     assert (there.search.history == here.search.history).all()
+
+
+def test_ends_once_the_flag_of_its_simulator_is_set(two_processes, throws):
+    flag = StopFlag()
+    cost = two_processes(throws(2, 0), make_simulator("event_driven").stopped_by(flag))
+    cost.costs(candidates(cost.materials, 2))
+    flag.set()
+    with pytest.raises(SimulationStoppedError):
+        cost.costs(candidates(cost.materials, 2))
 
 
 def listening_addresses():
@@ -245,28 +255,6 @@ def test_dead_cluster_worker_is_restarted(throws, capfd):
     line = "ERROR - failed during get data with b (OSError: the stream is closed)\n"
     assert log.count(line) == 2
     assert "Traceback" not in log
-
-
-@pytest.mark.parametrize("deaths", [1, 2, 3])
-def test_workers_that_die_while_observations_are_sent(two_processes, throws, monkeypatch, deaths):
-    observed, simulator = throws(2, 0), make_simulator("event_driven")
-    here = TrajectoryCost(observed, simulator)
-    two_processes(observed, simulator)
-    send, left = two_processes._client.scatter, [deaths]
-
-    def scatter(*arguments, **options):
-        if left[0]:
-            left[0] -= 1
-            raise KeyError("tcp://127.0.0.1:32817")
-        return send(*arguments, **options)
-
-    monkeypatch.setattr(two_processes._client, "scatter", scatter)
-    if deaths == 3:
-        with pytest.raises(ClusterError, match="workers die while observations are sent"):
-            two_processes(observed, simulator)
-    else:
-        some = candidates(here.materials, 2)
-        assert (two_processes(observed, simulator).costs(some) == here.costs(some)).all()
 
 
 def test_processes_that_do_not_start(throws, monkeypatch):

@@ -7,30 +7,33 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from intuitive_physics.errors import InvalidInputError, UnknownNameError
+from intuitive_physics.errors import (
+    InvalidInputError,
+    SimulationStoppedError,
+    UnknownNameError,
+)
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.observation import Detections
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.regions import HalfSpaceRegion
 from intuitive_physics.scene import Environment, Plane, Scene, SceneObject
 from intuitive_physics.shapes import Sphere
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics.state import ObjectState
-from intuitive_physics_learner import LearningCancelledError, NoObservationsError
+from intuitive_physics_learner import NoObservationsError
 from intuitive_physics_learner.design import (
     AboutMotion,
     AboutParameters,
     ThrownObject,
     ThrowOptions,
-    ThrowRanges,
     ViewingConditions,
     expected_information,
     suggest,
 )
 from intuitive_physics_learner.design.expected_information import (
-    ExpectedPosteriors,
-    expected_posteriors,
+    Reduction,
+    expected_reductions,
 )
-from intuitive_physics_learner.search.gaussian import Gaussian
 
 FLOOR = Environment([Plane("floor", "floor", [0, 0, 1], 0.0)])
 RADIUS = 0.05
@@ -43,13 +46,13 @@ PERFECT = {"execution_error": 0.0, "draws": 1}
 
 def ranges(position, velocity, spin=(0.0, 0.0, 0.0)):
     """Ranges of no width."""
-    return ThrowRanges(*(np.stack([each, each], axis=1) for each in (position, velocity, spin)))
+    return [np.stack([each, each], axis=1) for each in (position, velocity, spin)]
 
 
 def thrown(position, velocity, deviations=(0.0, 0.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0)):
     """Throw the ball in one way only."""
     covariance = np.diag(np.repeat(deviations, 3)) ** 2
-    ball = ThrownObject(BALL, ranges(position, velocity, spin), covariance)
+    ball = ThrownObject(BALL, *ranges(position, velocity, spin), covariance)
     return ThrowOptions(FLOOR, ((ball,),))
 
 
@@ -72,10 +75,11 @@ def deviation_after(options, posterior, view, simulator, name=E):
     rng = np.random.default_rng(0)
     (throw,) = options.draw(1, rng)
     units = posterior.draw(1, rng)
-    (part,) = expected_posteriors([throw], posterior, units, view, simulator, 0.0, rng)
     direction = np.eye(posterior.mean.size)[[posterior.space.names.index(name)]]
-    covariance = Gaussian.of(posterior, bounded=True).covariance
-    return np.sqrt(part.reduction(covariance, direction).variances[0, 0])
+    ((_, reduction),) = expected_reductions(
+        [throw], posterior, direction, units, view, simulator, 0.0, rng
+    )
+    return np.sqrt(reduction.variances[0, 0])
 
 
 def test_information_of_a_drop_is_that_of_the_closed_form(event_driven):
@@ -139,8 +143,7 @@ def test_the_fall_of_a_determinant_is_that_of_the_whole_matrices():
         information[np.ix_(rows, rows)] = part @ part.T
         after.append(np.linalg.inv(np.linalg.inv(covariance) + information))
     small = np.array([whole[np.ix_(o, o)] for whole, o in zip(after, parameters, strict=True)])
-    posteriors = ExpectedPosteriors(np.arange(2), parameters, small[None])
-    reduction = posteriors.reduction(covariance, directions)
+    reduction = Reduction.of(covariance, directions, parameters, small)
     blur = 0.3
     for w, whole in enumerate(after):
         expected = directions @ whole @ directions.T
@@ -247,8 +250,9 @@ WIDE = ThrowOptions(
         (
             ThrownObject(
                 BALL,
-                ThrowRanges([[-1, 1], [-1, 1], [-0.5, 1]], [[-3, 3], [0, 0], [-1, 1]]),
-                np.diag(np.repeat([0.002, 0.0, 0.05, 0.1], 3)) ** 2,
+                [[-1, 1], [-1, 1], [-0.5, 1]],
+                [[-3, 3], [0, 0], [-1, 1]],
+                covariance=np.diag(np.repeat([0.002, 0.0, 0.05, 0.1], 3)) ** 2,
             ),
         ),
     ),
@@ -280,15 +284,16 @@ def test_the_same_generator_gives_the_same_suggestions_best_first(event_driven):
 
 
 def test_can_be_cancelled(event_driven):
-    with pytest.raises(LearningCancelledError):
+    flag = StopFlag()
+    flag.set()
+    with pytest.raises(SimulationStoppedError):
         suggest(
             WIDE,
             known(0.6),
             AboutParameters((E,)),
             viewing(),
-            event_driven,
+            event_driven.stopped_by(flag),
             np.random.default_rng(0),
-            cancelled=lambda: True,
         )
 
 
@@ -303,9 +308,9 @@ def test_throws_lie_within_their_ranges_and_outside_of_everything(ends, count, s
     parts = ends[:3], ends[3:6], ends[6:]
     if wrong:
         with pytest.raises(InvalidInputError, match="expected lowest ≤ highest"):
-            ThrowRanges(*parts)
+            ThrownObject(BALL, *parts)
         return
-    options = ThrowOptions(FLOOR, ((ThrownObject(BALL, ThrowRanges(*parts)),),))
+    options = ThrowOptions(FLOOR, ((ThrownObject(BALL, *parts),),))
     if ends[2][1] < RADIUS:
         with pytest.raises(InvalidInputError, match="expected ranges in which objects are outside"):
             options.draw(count, np.random.default_rng(seed))
@@ -331,8 +336,8 @@ def test_throws_of_observed_objects(throws):
     options = ThrowOptions.of_observations(observations)
     ((ball,),) = options.casts
     states = np.array([each.objects[0].initial_state.to_vector() for each in observations])
-    np.testing.assert_allclose(ball.ranges.position[:, 0], states[:, 0:3].min(axis=0))
-    np.testing.assert_allclose(ball.ranges.linear_velocity[:, 1], states[:, 7:10].max(axis=0))
+    np.testing.assert_allclose(ball.position[:, 0], states[:, 0:3].min(axis=0))
+    np.testing.assert_allclose(ball.linear_velocity[:, 1], states[:, 7:10].max(axis=0))
     view = ViewingConditions.of_observations(observations)
     np.testing.assert_allclose(view.times, np.arange(60) / 30.0, atol=1e-9)
     # Third differences of bounces count a little.

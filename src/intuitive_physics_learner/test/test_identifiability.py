@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from intuitive_physics.errors import SimulationStoppedError
 from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.parameter_space import Bounds, ParameterSpace, parameter_vector
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import (
     ConvergenceCriteria,
-    LearningCancelledError,
     ParameterSearch,
     TrajectoryCost,
     make_update_rule,
 )
-from intuitive_physics_learner.cost.wrapped_costs import InterruptibleCost
 from intuitive_physics_learner.joint_search.identifiability import identifiability_of_optimum
 
 from .cases import MATERIALS, E, rerouted, task_of
@@ -143,10 +143,12 @@ def test_observations_that_disagree_leave_much_unknown(gliding_task):
 
 
 def test_can_be_cancelled(glide, glides):
-    cost = TrajectoryCost([glides(np.random.default_rng(0), 0.5)], glide, MATERIALS)
-    asked = iter([False, True])
-    with pytest.raises(LearningCancelledError, match="cancelled"):
-        stated(InterruptibleCost(cost, lambda: next(asked)), StaticParameters.uniform(MATERIALS))
+    flag = StopFlag()
+    observed = [glides(np.random.default_rng(0), 0.5)]
+    cost = TrajectoryCost(observed, glide.stopped_by(flag), MATERIALS)
+    flag.set()
+    with pytest.raises(SimulationStoppedError):
+        stated(cost, StaticParameters.uniform(MATERIALS))
 
 
 def test_observations_of_several_objects(glide, glides):

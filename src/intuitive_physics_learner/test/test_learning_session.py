@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.errors import InvalidInputError, SimulationStoppedError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.parameter_space import Bounds
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics_learner import (
     ConvergenceCriteria,
-    LearningCancelledError,
     LearningOptions,
     NoObservationsError,
     StopReason,
@@ -20,7 +20,6 @@ from intuitive_physics_learner import (
     learn,
     search_parameters,
 )
-from intuitive_physics_learner.cost import cost_function
 from intuitive_physics_learner.search import parameter_search
 
 from .cases import rerouted
@@ -260,17 +259,22 @@ def test_states_of_other_searches_are_refused(event_driven, throws, monkeypatch)
         learn(observed[:2], event_driven, options(60), resume=states[-1])
 
 
-def test_stops_within_an_evaluation_when_cancelled(event_driven, throws, monkeypatch):
-    monkeypatch.setattr(cost_function, "LARGEST_SHARE", 2)
-    asked = []
+@pytest.mark.parametrize("method", ["levenberg_marquardt", "cma_es"])
+def test_stops_when_the_flag_of_its_simulator_is_set(event_driven, throws, method):
+    flag, reports = StopFlag(), []
 
-    def cancelled():
-        asked.append(None)
-        return len(asked) == 4
+    def stop(progress):
+        reports.append(progress)
+        flag.set()
 
-    with pytest.raises(LearningCancelledError):
-        learn(throws(8, 0), event_driven, options(60), cancelled=cancelled)
-    assert len(asked) == 4
+    with pytest.raises(SimulationStoppedError):
+        learn(
+            throws(8, 0),
+            event_driven.stopped_by(flag),
+            options(60, method=method),
+            on_progress=stop,
+        )
+    assert len(reports) == 1
 
 
 def test_another_cost_can_take_the_place_of_this_process(event_driven, throws):

@@ -142,7 +142,7 @@ def test_doubtful_observation_is_used_again(store, glide_at, break_text):
     store.observations()
     before = revision(store)
     doubts = [Assessment(id, 0.1, "touched", "doubtful") for id in "acdx"]
-    assert store.apply_assessments([*doubts, Assessment("b", 0.9)]) == 2
+    store.save_online("{}", 0, assessments=[*doubts, Assessment("b", 0.9)])
     assert [(entry.status, entry.weight) for entry in store.entries()] == [
         ("doubtful", 0.1),
         ("used", 0.9),
@@ -150,7 +150,7 @@ def test_doubtful_observation_is_used_again(store, glide_at, break_text):
         ("unreadable", 0.0),
     ]
     assert [observation.id for observation in store.observations()] == ["b"]
-    store.apply_assessments([Assessment("a", 0.8)])
+    store.save_online("{}", 0, assessments=[Assessment("a", 0.8)])
     assert [observation.id for observation in store.observations()] == ["a", "b"]
     assert revision(store) == before
 
@@ -169,7 +169,7 @@ def test_deletion_is_for_good(store, glide_at):
     with pytest.raises(UnknownNameError):
         store.delete(["a", "x"])
     assert store.delete(["b", "c"]) == 2
-    assert store.ids() == ["a"]
+    assert [each.id for each in store.entries()] == ["a"]
     assert store.materials() == ("ball", "floor")
     assert revision(store) > before
     # A number is never given twice, so that who follows the stream misses none.
@@ -253,11 +253,12 @@ def test_counts_are_those_of_the_rows(tmp_path_factory, glide_at, actions):
     path = tmp_path_factory.mktemp("counts") / "learner.sqlite3"
     with ObservationStore(path) as store:
         for number, (action, material) in enumerate(actions):
-            names = store.ids()[::2]
+            names = [each.id for each in store.entries()][::2]
             if action == "add":
                 store.add(glide_at(str(number), material=material))
             elif action == "doubt":
-                store.apply_assessments([Assessment(id, 0.2, "", "doubtful") for id in names])
+                doubts = [Assessment(id, 0.2, "", "doubtful") for id in names]
+                store.save_online("{}", 0, assessments=doubts)
             else:
                 getattr(store, action)(names)
             entries = store.entries()

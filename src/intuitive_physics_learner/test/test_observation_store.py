@@ -19,7 +19,7 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.processes import ChildProcess
 from intuitive_physics_learner import ObservationStore, StorageError
 from intuitive_physics_learner.store import database as database_module
-from intuitive_physics_learner.store.database import latest_version
+from intuitive_physics_learner.store.database import default_database_path, latest_version
 from intuitive_physics_learner.store.online_record import OnlineRecord
 
 PATIENCE = 60.0
@@ -67,7 +67,7 @@ def test_observations_are_returned_in_order(path, observation):
         assert [store.add(observation) for observation in some] == [True, True, True]
     with ObservationStore(path) as store:
         assert store.count() == 3
-        assert store.ids() == ["c", "a", "b"]
+        assert [each.id for each in store.entries()] == ["c", "a", "b"]
         assert [observation.to_json() for observation in store.observations()] == [
             observation.to_json() for observation in some
         ]
@@ -122,7 +122,7 @@ def test_survives_kill_9_at_any_instant(path, observation):
         acknowledged += [f"{number} {n}" for n in range(count)]
     assert len(acknowledged) > 60
     with ObservationStore(path) as store:
-        stored = store.ids()
+        stored = [each.id for each in store.entries()]
         assert set(acknowledged) <= set(stored)
         # At most the one that was under way comes on top.
         assert len(stored) <= len(acknowledged) + 60
@@ -142,7 +142,7 @@ def test_two_processes_and_two_threads_write_at_once(path, observation, tmp_path
         for thread in threads:
             thread.join()
         writer.stop(signal.SIGKILL)
-        ids = store.ids()
+        ids = [each.id for each in store.entries()]
         assert sum(id.startswith("writer") for id in ids) >= 1
         assert {f"{k} {n}" for k in range(2) for n in range(20)} < set(ids)
 
@@ -215,7 +215,7 @@ def test_nothing_is_written_to_a_file_that_a_newer_version_migrates_meanwhile(
         rewrite(f"PRAGMA user_version = {latest_version() + 1}")
         with pytest.raises(StorageError, match=f"schema version {latest_version() + 1}"):
             store.add(observation("new"))
-        assert store.ids() == ["old"]
+        assert [each.id for each in store.entries()] == ["old"]
 
 
 def test_a_file_of_before_the_first_release_is_refused(path, rewrite):
@@ -232,7 +232,7 @@ def test_older_schema_is_migrated_and_keeps_its_rows(path, observation, monkeypa
     step = ("ALTER TABLE observations ADD COLUMN note TEXT NOT NULL DEFAULT 'none'",)
     monkeypatch.setattr(database_module, "MIGRATIONS", (*database_module.MIGRATIONS, step))
     with ObservationStore(path) as store:
-        assert store.ids() == ["old"]
+        assert [each.id for each in store.entries()] == ["old"]
     with sqlite3.connect(path) as file:
         assert file.execute("SELECT id, note FROM observations").fetchall() == [("old", "none")]
         assert file.execute("PRAGMA user_version").fetchone() == (latest_version(),)
@@ -248,7 +248,7 @@ def test_a_migration_that_fails_changes_nothing(path, observation, monkeypatch):
         with pytest.raises(StorageError, match="nowhere"):
             ObservationStore(path)
     with ObservationStore(path) as store:
-        assert store.ids() == ["old"]
+        assert [each.id for each in store.entries()] == ["old"]
 
 
 def test_keeps_where_searches_stand(path):
@@ -282,7 +282,7 @@ def test_a_checkpoint_that_cannot_be_read_counts_as_none(path, rewrite):
 def test_several_observations_are_stored_together_or_not_at_all(store, observation):
     assert store.add_all([observation(id) for id in "abcab"]) == 3
     assert store.add_all([observation(id) for id in "bd"]) == 1
-    assert store.ids() == ["a", "b", "c", "d"]
+    assert [each.id for each in store.entries()] == ["a", "b", "c", "d"]
     store.database._connection.execute("PRAGMA max_page_count = 1")
     with pytest.raises(StorageError, match="full; make room"):
         store.add_all([observation(str(n)) for n in range(100)])
@@ -314,7 +314,7 @@ def test_full_disk_loses_nothing_that_was_stored(path, observation, tmp_path):
     acknowledged = acknowledged_by(writer)
     with ObservationStore(path) as store:
         expected = ["before", *(f"writer {n}" for n in range(acknowledged + 1))]
-        assert store.ids()[: len(expected)] == expected
+        assert [each.id for each in store.entries()][: len(expected)] == expected
 
 
 @pytest.mark.parametrize(
@@ -332,9 +332,8 @@ def test_a_place_where_no_database_can_be(tmp_path, place, message):
     assert not Path("/nowhere-at-all").exists()
 
 
-def test_locked_by_another_process(path, observation, monkeypatch):
-    monkeypatch.setattr(database_module, "BUSY_TIMEOUT", 0.05)
-    with ObservationStore(path) as store:
+def test_locked_by_another_process(path, observation):
+    with ObservationStore(path, busy_timeout=0.05) as store:
         other = sqlite3.connect(path, isolation_level=None)
         other.execute("BEGIN IMMEDIATE")
         with pytest.raises(StorageError, match="another process"):
@@ -358,3 +357,12 @@ def test_closed(store):
     store.close()
     with pytest.raises(StorageError, match="open it again"):
         store.count()
+
+
+def test_database_path_follows_xdg(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    assert default_database_path() == tmp_path / "intuitive_physics" / "learner.sqlite3"
+    monkeypatch.setenv("XDG_DATA_HOME", "relative")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    expected = tmp_path / ".local" / "share" / "intuitive_physics" / "learner.sqlite3"
+    assert default_database_path() == expected

@@ -32,7 +32,7 @@ from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
 from intuitive_physics_learner.stored_learning import learn_from_store
 
-from .cases import E, rerouted
+from .cases import E, StorelessLearner, rerouted
 
 OPTIONS = OnlineOptions(window=6)
 """A small window, so that observations leave it soon."""
@@ -67,7 +67,7 @@ def kicked(observation):
 def stream(event_driven, throws):
     """Versions that a learner published after each of some throws, and the learner."""
     engine = CountingSimulator(event_driven)
-    learner = OnlineLearner(engine, OPTIONS)
+    learner = StorelessLearner(engine, OPTIONS)
     counts, published = [], []
     for observation in noisy_throws(throws, 24, 0):
         before = engine.points
@@ -123,11 +123,11 @@ def held(observation):
 def test_a_disturbed_throw_is_set_aside_and_changes_nothing(
     event_driven, throws, stream, disturbed
 ):
-    learner = OnlineLearner(
+    learner = StorelessLearner(
         event_driven,
         OPTIONS,
         OnlineState.from_json(stream[0].state.to_json()),
-        stream[0].kept_observations,
+        stream[0].seen.values(),
     )
     before, information = learner.state.published, learner.state.posterior.precision.copy()
     (observation,) = noisy_throws(throws, 1, 77)
@@ -144,18 +144,15 @@ def test_a_disturbed_throw_is_set_aside_and_changes_nothing(
     )
 
 
-@pytest.mark.parametrize("recalls", [False, True])
-def test_a_disturbed_throw_among_the_first_is_set_aside_later(event_driven, throws, recalls):
+def test_a_disturbed_throw_among_the_first_is_set_aside_later(event_driven, throws):
     # Of two nobody can say which one is right; of eight one can, also where it left the window.
     first, *others = noisy_throws(throws, 8, 21)
     observed = {each.id: each for each in (kicked(first), *others)}
-    recall = (lambda ids: [observed[name] for name in ids]) if recalls else None
-    learner = OnlineLearner(event_driven, OnlineOptions(window=4), recall=recall)
+    learner = StorelessLearner(event_driven, OnlineOptions(window=4))
     noted = [learner.learn_from_all([each]) for each in observed.values()]
     assert not noted[0]
     assert [each.id for some in noted for each in some] == [first.id]
     assert [member.id for member in learner.state.doubtful] == [first.id]
-    assert first.id in [each.id for each in learner.kept_observations]
     assert len(learner.state.kept) == learner.state.used == 7
 
 
@@ -167,11 +164,12 @@ def test_one_that_left_the_window_is_set_aside_and_examined_at_once(event_driven
     learner = OnlineLearner(
         event_driven,
         OnlineOptions(window=4),
-        recall=lambda ids: [observed[name] for name in ids if name in observed],
+        OnlineState(),
+        lambda ids: [observed[name] for name in ids if name in observed],
     )
     learner.learn_from_all(first)
     member = learner.state.past[0]
-    assert member.id not in [each.id for each in learner.kept_observations]
+    assert member.id not in learner._observations
     member.signs = replace(member.signs, log_p=-30.0)
     if not is_there:
         del observed[member.id]
@@ -185,14 +183,14 @@ def test_what_a_user_includes_is_never_set_aside(event_driven, throws):
     # A kick is doubted when it comes, and later beside the others: not where a user knows better.
     first, *others = noisy_throws(throws, 8, 21)
     observed = {each.id: each for each in (kicked(first), *others)}
-    learner = OnlineLearner(event_driven, OnlineOptions(window=4))
+    learner = StorelessLearner(event_driven, OnlineOptions(window=4))
     for each in observed.values():
         assert not learner.learn_from_all([each], trusted=[first.id])
     assert not learner.state.doubtful
     assert first.id in [member.id for member in learner.state.kept]
     again = OnlineState.from_json(learner.state.to_json())
     assert [member.id for member in again.kept if member.trusted] == [first.id]
-    late = OnlineLearner(event_driven, OnlineOptions(window=4))
+    late = StorelessLearner(event_driven, OnlineOptions(window=4))
     late.learn_from_all(list(observed.values()))
     assert [member.id for member in late.state.doubtful] == [first.id]
     late.learn_from_all([observed[first.id]], trusted=[first.id])
@@ -218,27 +216,22 @@ def test_signs_are_judged_beside_one_another():
     assert {each.status for each in assessed({**wild, "b": worse[1]})} == {USED}
 
 
-@pytest.mark.parametrize("recalls", [False, True])
-def test_learner_resumes_exactly(event_driven, throws, recalls):
+def test_learner_resumes_exactly(event_driven, throws):
     # Some have left the window when all are fitted again.
     observed = {observation.id: observation for observation in noisy_throws(throws, 12, 1)}
-    recall = (lambda ids: [observed[name] for name in ids]) if recalls else None
-    whole = OnlineLearner(event_driven, OPTIONS)
-    parts = OnlineLearner(event_driven, OPTIONS, recall=recall)
+    whole, parts = StorelessLearner(event_driven, OPTIONS), StorelessLearner(event_driven, OPTIONS)
     for observation in observed.values():
         whole.learn_from(observation)
         state = OnlineState.from_json(parts.state.to_json())
-        parts = OnlineLearner(event_driven, OPTIONS, state, parts.kept_observations, recall)
+        parts = StorelessLearner(event_driven, OPTIONS, state, parts.seen.values())
         parts.learn_from(observation)
     assert parts.state.to_json() == whole.state.to_json()
     assert whole.state.next_refit >= 16
-    past = len(whole.state.past)
-    assert past > 0
-    assert len(whole.kept_observations) - len(parts.kept_observations) == past * recalls
+    assert len(whole.state.past) > 0
 
 
 def test_the_same_observation_counts_once(event_driven, throws):
-    learner = OnlineLearner(event_driven, OPTIONS)
+    learner = StorelessLearner(event_driven, OPTIONS)
     (observation,) = noisy_throws(throws, 1, 2)
     learner.learn_from_all([observation, observation])
     learner.learn_from(observation)
@@ -247,7 +240,7 @@ def test_the_same_observation_counts_once(event_driven, throws):
 
 @pytest.mark.parametrize("wrong", ["challenger", "published"])
 def test_what_has_moved_far_is_published_after_it_has_won(event_driven, throws, wrong):
-    learner = OnlineLearner(event_driven, OPTIONS)
+    learner = StorelessLearner(event_driven, OPTIONS)
     observed = noisy_throws(throws, 9, 11)
     learner.learn_from_all(observed[:6])
     state = learner.state
@@ -275,7 +268,7 @@ def test_what_has_moved_far_is_published_after_it_has_won(event_driven, throws, 
 
 
 def test_forgets_with_the_time_constant(event_driven, throws):
-    learner = OnlineLearner(event_driven, OnlineOptions(window=6, time_constant=10.0))
+    learner = StorelessLearner(event_driven, OnlineOptions(window=6, time_constant=10.0))
     (first,) = noisy_throws(throws, 1, 3)
     learner.learn_from(first)
     matrix = learner.state.posterior.precision.copy()
@@ -300,14 +293,14 @@ def test_what_is_published_forgets_with_the_time_constant(glide, gliding):
     # looked for.
     generator = np.random.default_rng(14)
     options = OnlineOptions(window=24, time_constant=100.0, false_alarm_rate=0.0)
-    learner = OnlineLearner(glide, options)
+    learner = StorelessLearner(glide, options)
     published = [
         restitution(learner.learn_from(later(gliding(generator, e), 1000.0 * k)))[0]
         for k, e in enumerate(8 * [0.8] + 8 * [0.6])
     ]
     assert published[7] == pytest.approx(0.8, abs=0.02)
     assert published[12:] == pytest.approx(4 * [0.6], abs=0.02)
-    assert len(learner.state.kept) == len(learner.kept_observations) == 1
+    assert len(learner.state.kept) == 1
 
 
 def test_a_change_is_followed_by_forgetting_alone(glide, gliding):
@@ -315,7 +308,7 @@ def test_a_change_is_followed_by_forgetting_alone(glide, gliding):
     # remembered, and 7.8 e^(-n/10) < 10 (1 - e^(-n/10)) from the sixth after it on.
     generator = np.random.default_rng(15)
     options = OnlineOptions(window=24, time_constant=100.0, false_alarm_rate=0.0)
-    learner = OnlineLearner(glide, options)
+    learner = StorelessLearner(glide, options)
     published = [
         restitution(learner.learn_from(later(gliding(generator, e), 10.0 * k)))[0]
         for k, e in enumerate(15 * [0.8] + 8 * [0.6])
@@ -326,7 +319,7 @@ def test_a_change_is_followed_by_forgetting_alone(glide, gliding):
 
 def test_a_floor_that_was_waxed_is_noticed(event_driven, gliding, glide):
     generator = np.random.default_rng(4)
-    learner = OnlineLearner(glide, OPTIONS)
+    learner = StorelessLearner(glide, OPTIONS)
     for _ in range(10):
         learner.learn_from(gliding(generator, 0.8))
     assert learner.state.changes == []
@@ -371,7 +364,7 @@ def test_a_wrong_optimum_is_left_when_there_is_more_evidence(folded_glide, folde
     start = replace_value(defaults, folded_glide.wrong, np.nan)
 
     def estimates():
-        learner = OnlineLearner(folded_glide, OPTIONS)
+        learner = StorelessLearner(folded_glide, OPTIONS)
         learner.adopt(start, informed=False)
         return [restitution(learner.learn_from(each)) for each in observations]
 
@@ -387,7 +380,7 @@ def test_a_wrong_optimum_is_left_when_there_is_more_evidence(folded_glide, folde
 def test_the_fit_of_the_window_leaves_time_for_refits(glide, gliding, monkeypatch):
     monkeypatch.setattr(JointFit, "settled", False)
     generator = np.random.default_rng(31)
-    learner = OnlineLearner(glide, replace(OPTIONS, seconds=1.0))
+    learner = StorelessLearner(glide, replace(OPTIONS, seconds=1.0))
     learner.learn_from_all([gliding(generator, 0.8) for _ in range(4)], lambda: 0.0)
     left = iter(np.arange(1.0, 0.0, -0.12).tolist())
     learner.learn_from_all([gliding(generator, 0.8)], lambda: next(left))
@@ -406,7 +399,7 @@ def test_starts_that_had_no_time_are_not_chosen_from(glide, gliding, monkeypatch
 
     monkeypatch.setattr(SeveralStarts, "choose", counting)
     observed = [gliding(generator, 0.8) for _ in range(4)]
-    OnlineLearner(glide, OPTIONS).learn_from_all(observed, lambda: seconds)
+    StorelessLearner(glide, OPTIONS).learn_from_all(observed, lambda: seconds)
     assert counts == [1 + others]
 
 
@@ -414,14 +407,14 @@ def test_optima_that_data_cannot_tell_apart_widen_what_is_published(glide, glidi
     # f(e) = 0.64 - |e - ½|: both e = 0.42 and e = 0.58 give the 0.56 observed.
     generator = np.random.default_rng(23)
     observed = [gliding(generator, 0.56) for _ in range(4)]
-    learner = OnlineLearner(type(glide)(lambda e: 0.64 - abs(e - 0.5)), OPTIONS)
+    learner = StorelessLearner(type(glide)(lambda e: 0.64 - abs(e - 0.5)), OPTIONS)
     learner.learn_from_all(observed)
     value, deviation = restitution(learner.state.published)
     assert abs(value - 0.5) == pytest.approx(0.08, abs=0.01)
     # Of the fits, from two to four, at least one ends at each.
     assert 0.16 / 2.0 < deviation < 0.16
     assert OnlineState.from_json(learner.state.to_json()).spread.any()
-    alone = OnlineLearner(glide, OPTIONS)
+    alone = StorelessLearner(glide, OPTIONS)
     alone.learn_from_all(observed)
     value, deviation = restitution(alone.state.published)
     assert abs(value - 0.56) < 4.0 * deviation < 0.02
@@ -431,26 +424,26 @@ def test_a_refit_is_bounded(glide, gliding, monkeypatch):
     monkeypatch.setattr(memory, "MOST_KEPT", 8)
     generator, counts = np.random.default_rng(18), []
     engine = CountingSimulator(glide)
-    learner = OnlineLearner(engine, OPTIONS)
+    learner = StorelessLearner(engine, OPTIONS)
     for _ in range(32):
         before = engine.points
         learner.learn_from(gliding(generator, 0.8))
         counts.append(engine.points - before)
-        assert len(learner.kept_observations) <= 8
+        assert len(learner.state.kept) <= 8
     assert learner.state.next_refit == 64
     assert counts[31] < 1.5 * counts[15]
     # Each start takes one step where the time is over.
     first, second = CountingSimulator(glide), CountingSimulator(glide)
     observed = [gliding(generator, 0.8) for _ in range(8)]
-    OnlineLearner(first, OPTIONS).learn_from_all(observed, lambda: 0.0)
-    OnlineLearner(second, OPTIONS).learn_from_all(observed)
+    StorelessLearner(first, OPTIONS).learn_from_all(observed, lambda: 0.0)
+    StorelessLearner(second, OPTIONS).learn_from_all(observed)
     assert first.points < second.points
 
 
 @pytest.mark.parametrize("away", [0.0, 0.3])
 def test_what_is_gone_counts_while_it_agrees_with_a_refit(glide, gliding, away):
     generator = np.random.default_rng(19)
-    learner = OnlineLearner(glide, OPTIONS)
+    learner = StorelessLearner(glide, OPTIONS)
     learner.learn_from_all([gliding(generator, 0.8) for _ in range(7)])
     state = learner.state
     mean, matrix = state.unit.copy(), np.zeros_like(state.posterior.precision)
@@ -513,9 +506,10 @@ def test_window_is_learned_again_after_a_search(store, glide, gliding, searched,
 def test_what_comes_after_a_search_is_learned_whatever_it_doubted(store, glide, gliding, doubtful):
     generator = np.random.default_rng(15)
     store.add_all([gliding(generator, 0.8) for _ in range(8)])
-    learn_from_store(store, glide, LearningOptions())
+    learned = learn_from_store(store, glide, LearningOptions()).learned
     ids = [entry.id for entry in store.entries()]
-    store.apply_assessments([Assessment(name, 0.1, "kicked", DOUBTFUL) for name in ids[:doubtful]])
+    doubts = [Assessment(name, 0.1, "kicked", DOUBTFUL) for name in ids[:doubtful]]
+    assert store.add_improvement(learned, learned.version, ids, doubts) is not None
     store.add_all([gliding(generator, 0.8) for _ in range(3)])
     learning = learn_all(store, glide)
     assert learning.learner.state.processed == 3
@@ -556,7 +550,7 @@ def test_a_one_sided_interval_is_kept(glide, gliding):
         version=1,
         method="joint_estimation",
     )
-    learner = OnlineLearner(glide, OPTIONS)
+    learner = StorelessLearner(glide, OPTIONS)
     learner.adopt(learned, informed=True)
     # A number that is uniform in it, but for its ends, has the deviation l / √12.
     assert learner.state.prior.mean[place] == pytest.approx(0.675, abs=0.01)
@@ -573,7 +567,7 @@ def test_a_one_sided_interval_is_kept(glide, gliding):
 def test_what_only_has_to_be_large_enough_is_an_interval(glide, gliding):
     # f(e) = min(e, 0.6): all e from 0.6 on glide alike.
     generator = np.random.default_rng(35)
-    learner = OnlineLearner(type(glide)(lambda e: np.minimum(e, 0.6)), OPTIONS)
+    learner = StorelessLearner(type(glide)(lambda e: np.minimum(e, 0.6)), OPTIONS)
     for _ in range(8):
         learner.learn_from(gliding(generator, 0.6))
     published = learner.state.published
@@ -584,7 +578,7 @@ def test_what_only_has_to_be_large_enough_is_an_interval(glide, gliding):
     draws = published.posterior.draw(4000, np.random.default_rng(0))[:, E]
     assert np.quantile(draws, [0.1, 0.9]) == pytest.approx([0.64, 0.96], abs=0.03)
     # Bound on both sides there is none.
-    learner = OnlineLearner(glide, OPTIONS)
+    learner = StorelessLearner(glide, OPTIONS)
     for _ in range(8):
         learner.learn_from(gliding(generator, 0.6))
     assert np.isnan(learner.state.published.intervals).all()
@@ -593,7 +587,7 @@ def test_what_only_has_to_be_large_enough_is_an_interval(glide, gliding):
 @pytest.mark.parametrize("away", [0.0, 0.1])
 def test_what_an_earlier_fit_disagrees_with_is_less_certain(glide, gliding, away):
     generator = np.random.default_rng(36)
-    learner = OnlineLearner(glide, OPTIONS)
+    learner = StorelessLearner(glide, OPTIONS)
     for _ in range(8):
         learner.learn_from(gliding(generator, 0.8))
     state = learner.state
@@ -640,14 +634,14 @@ def test_a_value_that_is_held_never_moves(store, glide, gliding, value):
 def test_others_are_learned_beside_a_value_that_is_held(event_driven, throws, true_parameters):
     truth = true_parameters.pair("ball", "floor")["restitution"]
     given = given_restitution(truth, np.nan, FIXED)
-    learner = OnlineLearner(event_driven, OPTIONS)
+    learner = StorelessLearner(event_driven, OPTIONS)
     learner.adopt(replace(given, version=1), informed=True)
     observed = noisy_throws(throws, 8, 5)
     learner.learn_from_all(observed)
     newest = learner.state.published
     assert newest.version > 1
     assert restitution(newest) == (truth, 0.0)
-    free = OnlineLearner(event_driven, OPTIONS)
+    free = StorelessLearner(event_driven, OPTIONS)
     free.learn_from_all(observed)
     others = newest.identified & ~newest.given.fixed
     assert others.any()
@@ -655,7 +649,7 @@ def test_others_are_learned_beside_a_value_that_is_held(event_driven, throws, tr
     mine, theirs = learner.state.prior.deviations[others], free.state.prior.deviations[others]
     assert (mine < 1.2 * theirs).all()
     again = OnlineState.from_json(learner.state.to_json())
-    kept = OnlineLearner(event_driven, OPTIONS, again, learner.kept_observations)
+    kept = StorelessLearner(event_driven, OPTIONS, again, learner.seen.values())
     kept.learn_from_all(noisy_throws(throws, 2, 6))
     assert restitution(kept.state.published) == (truth, 0.0)
 
@@ -663,14 +657,14 @@ def test_others_are_learned_beside_a_value_that_is_held(event_driven, throws, tr
 def test_a_prior_counts_as_the_inverse_of_its_variance(glide, gliding):
     generator = np.random.default_rng(10)
     observations = [gliding(generator, 0.8) for _ in range(3)]
-    free = OnlineLearner(glide, OPTIONS)
+    free = StorelessLearner(glide, OPTIONS)
     free.learn_from_all(observations)
     value, deviation = restitution(free.state.published)
     information = free.state.posterior.precision[E, E]
     slope = free.state.space.slopes(free.state.unit)[E, E]
     deviation = slope / np.sqrt(information)
     prior = given_restitution(value + 2.0 * deviation, deviation, PRIOR)
-    learner = OnlineLearner(glide, OPTIONS)
+    learner = StorelessLearner(glide, OPTIONS)
     # The result of a search that used the prior: what it was given is knowledge all the same.
     learner.adopt(replace(prior, version=1, method="joint_estimation"), informed=False)
     learner.learn_from_all(observations)
@@ -680,7 +674,7 @@ def test_a_prior_counts_as_the_inverse_of_its_variance(glide, gliding):
 
 
 def test_given_knowledge_is_not_forgotten(glide, gliding):
-    learner = OnlineLearner(glide, OnlineOptions(window=6, time_constant=10.0))
+    learner = StorelessLearner(glide, OnlineOptions(window=6, time_constant=10.0))
     learner.adopt(replace(given_restitution(0.5, 0.01, PRIOR), version=1), informed=True)
     matrix = learner.state.retired.precision.copy()
     grow_older(learner.state, 0.0, 10.0)
@@ -704,7 +698,7 @@ def test_excluded_observation_returns_when_included(store, glide, gliding):
     generator = np.random.default_rng(7)
     store.add_all([gliding(generator, 0.8) for _ in range(3)])
     learn_all(store, glide)
-    first = store.ids()[0]
+    first = store.entries()[0].id
     store.exclude([first])
     learning = learn_all(store, glide)
     assert first not in [member.id for member in learning.learner.state.window]

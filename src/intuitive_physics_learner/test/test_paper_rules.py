@@ -87,9 +87,7 @@ def test_coordinate_descent():
             order.append(int(target[0]))
         assert sorted(order) == [0, 1, 2, 3]
         orders.append(order)
-    all_orders = {
-        tuple(rule_of("coordinate_descent", seed=s).own_state()["order"]) for s in range(20)
-    }
+    all_orders = {tuple(rule_of("coordinate_descent", seed=s)._order) for s in range(20)}
     assert len(all_orders) > 5
 
 
@@ -109,7 +107,7 @@ def test_parameter_gradient_search():
         point = rule.ask(1)[0]
         if target is None:
             step = 0.1
-            target = rule.own_state()["target"]
+            target = rule._target
             targets.append(target)
         expected = current.copy()
         expected[target] = np.clip(current[target] + step, 0.0, 1.0)
@@ -181,7 +179,7 @@ def test_hybrid_random_search():
     points = proposed(rule_of("hybrid_random", size, **settings), 400)
     hybrid = rule_of("hybrid", size, random_iterations=initial)
     done = 0
-    while hybrid.own_state()["gradient"]["targets_done"] < sweeps * size:
+    while hybrid._gradient.targets_done < sweeps * size:
         assert (proposed(hybrid, 1) == points[done]).all()
         done += 1
     best = points[:done][np.argmin(bowl(points[:done]))]
@@ -196,10 +194,10 @@ def test_hybrid_random_search():
 def test_hybrid_random_search_switches_after_790_evaluations_at_the_soonest():
     rule = rule_of("hybrid_random", 14)
     proposed(rule, 790, costs=lambda points: np.ones(len(points)))
-    assert rule.own_state()["adaptive"]["point"] is not None
+    assert rule._adaptive.point is not None
     rule = rule_of("hybrid_random", 14)
     proposed(rule, 789, costs=lambda points: np.ones(len(points)))
-    assert rule.own_state()["adaptive"]["point"] is None
+    assert rule._adaptive.point is None
 
 
 # "δp is sampled from U(-α, α) where α is the learning rate. On each iteration δp is added to a
@@ -227,7 +225,7 @@ def test_one_dimensional_metropolis_hastings_acceptance():
     for _ in range(6000):
         point = rule.ask(1)
         rule.tell(point[:, 0])
-        accepted.append(rule.own_state()["point"][0])
+        accepted.append(rule.point[0])
     assert 0.08 < np.mean(accepted[500:]) < 0.12
 
 
@@ -235,7 +233,7 @@ def test_one_dimensional_metropolis_hastings_acceptance():
 def test_cma_es_generations():
     rule = rule_of("cma_es", 150)
     points = proposed(rule, 20)
-    assert len(rule.state_dict()["own"]["told"]) == 1
+    assert rule._generation_count == 1
     # The first generation: a normal distribution of the standard deviation σ about the middle.
     # Bounds bend what would leave the interval, so the middle of the distribution is looked at.
     quartiles = np.quantile(points, (0.25, 0.5, 0.75))

@@ -15,7 +15,6 @@ from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimation
 from intuitive_physics_learner.joint_search import staged_fit
 from intuitive_physics_learner.joint_search.joint_search import JointSearch
 from intuitive_physics_learner.joint_search.staged_fit import StagedFit, tumbles
-from intuitive_physics_learner.online.online_learner import OnlineLearner
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.segmented_estimation.continuations import MOTIONS, Continuations
@@ -29,7 +28,7 @@ from intuitive_physics_learner.segmented_estimation.segmented_throws import (
     SegmentedThrows,
 )
 
-from .cases import MATERIALS, box_throws, task_of
+from .cases import MATERIALS, StorelessLearner, box_throws, task_of
 
 TRUE = StaticParameters.uniform(MATERIALS).with_pair(
     "ball", "floor", dynamic_friction=0.3, static_friction=0.4, restitution=0.55
@@ -248,7 +247,7 @@ def test_without_time_nothing_is_fitted_in_segments(task, event_driven, few_step
 
 def test_boxes_are_learned_online_in_segments(event_driven, seen, true_unit):
     """At refits; between these nothing of what they say is taken from fits of single states."""
-    learner = OnlineLearner(event_driven, OnlineOptions())
+    learner = StorelessLearner(event_driven, OnlineOptions())
     state = learner.state
     more, _ = box_throws(event_driven, TRUE, 8, NOISE, np.random.default_rng(8))
     throws = [*seen[0], *(replace(each, id=f"later {each.id}") for each in more)]

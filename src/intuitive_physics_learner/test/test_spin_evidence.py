@@ -33,10 +33,11 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
 from intuitive_physics_learner.learning_session import _begin
 from intuitive_physics_learner.methods import JOINT_METHOD
 from intuitive_physics_learner.online import OnlineOptions
-from intuitive_physics_learner.online.online_learner import OnlineLearner
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.store import ObservationStore
+
+from .cases import StorelessLearner
 
 STATED = 10.0
 """rad/s, the guess of perception."""
@@ -218,13 +219,13 @@ def test_learned_in_batch_and_on_line_alike(event_driven, sigma):
     assert distance(batch, sigma) < 2.5
     assert 8.0 < batch.count < 16.0
     assert batch.stated == pytest.approx(STATED)
-    learner = OnlineLearner(event_driven, OnlineOptions(window=8))
+    learner = StorelessLearner(event_driven, OnlineOptions(window=8))
     learner.learn_from_all(observed[:8])
-    learner = OnlineLearner(
+    learner = StorelessLearner(
         event_driven,
         OnlineOptions(window=8),
         OnlineState.from_json(learner.state.to_json()),
-        learner.kept_observations,
+        learner.seen.values(),
     )
     learner.learn_from_all(observed[8:])
     online = learner.state.published.initial_spins.by_material["ball"]
@@ -284,7 +285,7 @@ def test_a_fit_continues_exactly_with_its_widened_priors(event_driven):
 @settings(max_examples=10)
 @given(st.integers(1, 6))
 def test_adopted_spins_are_kept_and_later_throws_add_to_them(count):
-    learner = OnlineLearner(None)
+    learner = StorelessLearner(None)
     spins = InitialSpins({"ball": SpinSpread(2.5, float(count), STATED)})
     from_others = replace(LearnedParameters.defaults(MATERIALS), initial_spins=spins)
     learner.adopt(from_others, informed=True)

@@ -150,7 +150,7 @@ def test_a_database_has_a_largest_size(path, thrown):
         assert 200_000 < store.room().size <= 300_000
         # Versions of θ_s are few and small, and the last one must not be lost.
         assert store.add_parameters(LearnedParameters.defaults(["x"])).version == 1
-        store.delete(store.ids()[:5])
+        store.delete([each.id for each in store.entries()][:5])
         assert store.add(thrown(2000))
         assert store.room().size <= 310_000
         use_limits(replace(limits(), largest_database=0))

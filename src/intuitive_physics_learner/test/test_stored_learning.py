@@ -3,20 +3,25 @@
 import json
 import signal
 import sys
+import threading
 import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from intuitive_physics.errors import UnknownNameError, UnsupportedSceneError
+from intuitive_physics.errors import (
+    SimulationStoppedError,
+    UnknownNameError,
+    UnsupportedSceneError,
+)
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.processes import ChildProcess
 from intuitive_physics.scene import Environment, Plane
 from intuitive_physics.simulation import make_simulator
+from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics_learner import (
     ConvergenceCriteria,
-    LearningCancelledError,
     LearningOptions,
     NoObservationsError,
     ObservationStore,
@@ -93,18 +98,16 @@ def test_same_search_is_resumed_and_another_restarts(store, glide, glides, monke
 
     def first_iteration(how, stop_at=None):
         """Iterations of the first report, which is of one batch."""
-        messages = []
+        messages, flag = [], StopFlag()
+
+        def note(progress):
+            messages.append(progress.iteration)
+            if stop_at is not None and progress.iteration >= stop_at:
+                flag.set()
+
         try:
-            learn_from_store(
-                store,
-                glide,
-                how,
-                on_progress=lambda progress: messages.append(progress.iteration),
-                cancelled=lambda: (
-                    stop_at is not None and bool(messages) and messages[-1] >= stop_at
-                ),
-            )
-        except LearningCancelledError:
+            learn_from_store(store, glide.stopped_by(flag), how, on_progress=note)
+        except SimulationStoppedError:
             assert saved_searches(store) > 0
         return messages[0]
 
@@ -124,9 +127,11 @@ def test_time_before_the_interruption_counts(store, glide, glides, monkeypatch):
     monkeypatch.setattr(parameter_search, "CHECKPOINT_PERIOD", 0.0)
     store.add(glides(np.random.default_rng(0), 0.4))
     asked = LearningOptions("random", ConvergenceCriteria(None, time_limit=4.5))
-    began = time.monotonic()
-    with pytest.raises(LearningCancelledError):
-        learn_from_store(store, glide, asked, cancelled=lambda: time.monotonic() > began + 3.0)
+    flag = StopFlag()
+    timer = threading.Timer(3.0, flag.set)
+    timer.start()
+    with pytest.raises(SimulationStoppedError):
+        learn_from_store(store, glide.stopped_by(flag), asked)
     result = learn_from_store(store, glide, asked)
     assert result.search.seconds < 3.0
     assert result.learned.version == 1
@@ -142,14 +147,16 @@ def test_versions_are_stored_and_start_the_next_search(store, glide, glides):
     assert second.search.history[0] <= first.search.cost + 1e-9
     for version, result in ((1, first), (2, second)):
         assert store.parameters(version).to_dict() == result.learned.to_dict()
-    chosen = options(50, observation_ids=store.ids()[:2])
+    chosen = options(50, observation_ids=[each.id for each in store.entries()][:2])
     assert learn_from_store(store, glide, chosen).learned.observation_count == 2
 
 
 def test_cancelled_searches_store_no_version(store, glide, glides):
     store.add(glides(np.random.default_rng(0), 0.4))
-    with pytest.raises(LearningCancelledError, match="nothing was stored"):
-        learn_from_store(store, glide, options(), cancelled=lambda: True)
+    flag = StopFlag()
+    flag.set()
+    with pytest.raises(SimulationStoppedError):
+        learn_from_store(store, glide.stopped_by(flag), options())
     assert store.newest_parameters() is None
 
 
@@ -181,14 +188,10 @@ def test_an_environment_is_distinguished_from_objects_that_cannot_be_simulated(s
 def test_a_stored_search_is_plain_json(store, glide, glides, monkeypatch):
     monkeypatch.setattr(parameter_search, "CHECKPOINT_PERIOD", 0.0)
     store.add(glides(np.random.default_rng(0), 0.4))
-    messages = []
-    with pytest.raises(LearningCancelledError):
+    flag = StopFlag()
+    with pytest.raises(SimulationStoppedError):
         learn_from_store(
-            store,
-            glide,
-            options(),
-            on_progress=messages.append,
-            cancelled=lambda: len(messages) > 2,
+            store, glide.stopped_by(flag), options(), on_progress=lambda progress: flag.set()
         )
     ((text,),) = store.database.rows("SELECT json FROM searches")
     assert set(json.loads(text)) == {"state", "seconds"}

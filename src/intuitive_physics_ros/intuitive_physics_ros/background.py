@@ -1,4 +1,4 @@
-"""Threads beside a node for long work of its callbacks, and signals that wake callbacks."""
+"""Threads beside a node for long work of its callbacks."""
 
 from __future__ import annotations
 
@@ -141,15 +141,19 @@ class Background:
                 self._start()
                 self._changed.notify_all()
 
-    def stop(self, patience: float = 1.0) -> bool:
-        """Cancel all work; return whether what was under way has ended within `patience` s."""
+    def cancel(self, why: str, *, stopping: bool = False) -> None:
+        """Refuse all requests, and later ones if it is stopping; their callbacks get the reason."""
         with self._changed:
-            self._stopping = True
+            self._stopping |= stopping
             requests = [*self._waiting, *([self._under_way] if self._under_way else [])]
             self._waiting.clear()
             self._changed.notify_all()
         for request in requests:
-            self._refuse(request, "the node ends, so the request is cancelled")
+            self._refuse(request, why)
+
+    def stop(self, patience: float = 1.0) -> bool:
+        """Cancel all work; return whether what was under way has ended within `patience` s."""
+        self.cancel("the node ends, so the request is cancelled", stopping=True)
         if self._threads:
             self._threads[0].join(patience)
         return not any(thread.is_alive() for thread in self._threads[:1])
@@ -217,26 +221,6 @@ class Background:
                 return
             request.answer, request.error, request.answered = answer, error, True
         _complete(request.done, self._node)
-
-
-class WorkerSignal:
-    """Lets callbacks of a node wait, without blocking it, for what happens in another thread."""
-
-    def __init__(self, node: Node) -> None:
-        self._node = node
-        self._future = Future()
-        self._lock = threading.Lock()
-
-    def next(self) -> Future:
-        """Return what to await; take it before looking at the state that may change."""
-        return self._future
-
-    def set(self) -> None:
-        """Wake all that wait; from any thread."""
-        # Two at once would complete one future and lose another that is awaited already.
-        with self._lock:
-            happened, self._future = self._future, Future()
-        _complete(happened, self._node)
 
 
 def trigger(guard: GuardCondition) -> None:

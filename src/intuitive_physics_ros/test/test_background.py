@@ -1,15 +1,13 @@
 """Long work in a thread, while a node's callbacks go on."""
 
-import sys
 import threading
 import time
-from types import SimpleNamespace
 
 import pytest
 from intuitive_physics_msgs.msg import ResultCode
 from rclpy.callback_groups import ReentrantCallbackGroup
 
-from intuitive_physics_ros.background import Background, WorkerSignal
+from intuitive_physics_ros.background import Background
 from intuitive_physics_ros.result_codes import RefusedError
 from intuitive_physics_ros.scripting import Peer
 
@@ -152,29 +150,16 @@ def test_stopping_does_not_wait_for_work_that_does_not_end(node):
     assert background.stop(20.0)
 
 
-def test_signal_set_by_several_threads_wakes_all_that_wait():
-    signal, awaited = WorkerSignal(SimpleNamespace(executor=None)), set()
-    ended = threading.Event()
-
-    def wait():
-        while not ended.is_set():
-            awaited.add(signal.next())
-
-    def set_often():
-        while len(awaited) < 2000 and not ended.is_set():
-            signal.set()
-
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)
-    try:
-        waiter = threading.Thread(target=wait)
-        setters = [threading.Thread(target=set_often) for _ in range(3)]
-        for thread in (waiter, *setters):
-            thread.start()
-        for thread in setters:
-            thread.join()
-        ended.set()
-        waiter.join()
-    finally:
-        sys.setswitchinterval(before)
-    assert [future for future in awaited - {signal.next()} if not future.done()] == []
+def test_what_is_cancelled_is_answered_with_the_reason_and_what_follows_is_done(node):
+    background, answers, release = Background(node), [], threading.Event()
+    for _ in range(2):
+        ask(node, background, lambda stop: release.wait(20.0), answers)
+    spin_until(node, lambda: background._under_way and background._waiting)
+    background.cancel("nobody wants it")
+    spin_until(node, lambda: len(answers) == 2)
+    assert answers == [(ResultCode.CANCELLED, "nobody wants it")] * 2
+    release.set()
+    ask(node, background, lambda stop: "next", answers)
+    spin_until(node, lambda: len(answers) == 3)
+    assert answers[2] == "next"
+    background.stop()

@@ -20,6 +20,7 @@ import re
 import signal
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -39,9 +40,6 @@ SMALLEST_SHARE = 50
 
 CONNECT_TIMEOUT = 10.0
 """s until a scheduler, or the processes of this machine, must have answered."""
-
-SENDING_ATTEMPTS = 3
-"""To send observations to workers of which one dies meanwhile."""
 
 WHERE_GUIDE = (
     "empty: in this process; local:N: in N processes of this machine; ADDRESS:PORT: by the "
@@ -193,6 +191,8 @@ class CostMaker:
 class ClusterCost(Cost):
     """J evaluated by the workers of a Dask cluster, each of which holds all observations.
 
+    They are the result of a task, which Dask repeats where the workers that held it have died.
+
     Parameters
     ----------
     client : `distributed.Client` of the cluster
@@ -209,13 +209,10 @@ class ClusterCost(Cost):
     ) -> None:
         super().__init__(observations, materials)
         self._client = client
+        self._stop_flag = simulator.stop_flag
         self._threads = max(1, sum(self._guarded(client.nthreads).values()))
-        self._local = TrajectoryCost(self.observations, simulator, self.materials, distance)
-        self._there = self._guarded(self._sent)
-
-    @property
-    def largest_share(self) -> int:
-        return super().largest_share * self._threads
+        local = TrajectoryCost(self.observations, simulator, self.materials, distance)
+        self._there = self._guarded(lambda: self._sent(local))
 
     def trial_distances(self, trials: Trials) -> NDArray[np.float64]:
         return self._spread(TrajectoryCost.trial_distances, trials)
@@ -226,39 +223,28 @@ class ClusterCost(Cost):
     def _spread(
         self, method: Callable[[TrajectoryCost, Trials], NDArray[np.float64]], trials: Trials
     ) -> NDArray[np.float64]:
+        # The simulators of workers are copies, which do not see that it was set.
+        self._stop_flag.check()
         count = max(1, min(self._threads, trials.size // SMALLEST_SHARE))
         shares = [trials.taken(part) for part in np.array_split(np.arange(trials.size), count)]
 
-        def ask() -> list[NDArray[np.float64]]:
+        def answers() -> list[NDArray[np.float64]]:
             futures = [
                 self._client.submit(method, self._there, share, pure=False) for share in shares
             ]
-            answers: list[NDArray[np.float64]] = self._client.gather(futures)
-            return answers
+            gathered: list[NDArray[np.float64]] = self._client.gather(futures)
+            return gathered
 
-        def ask_again_if_lost() -> list[NDArray[np.float64]]:
-            try:
-                return ask()
-            except CancelledError:
-                if self._client.status != "running":
-                    raise
-                # Dask reduces copies to one after some seconds, and the worker that held it died.
-                self._there = self._sent()
-                return ask()
+        return np.concatenate(self._guarded(answers))
 
-        return np.concatenate(self._guarded(ask_again_if_lost))
-
-    def _sent(self) -> Any:
+    def _sent(self, cost: TrajectoryCost) -> Any:
         """The observations on all workers."""
-        for _ in range(SENDING_ATTEMPTS):
-            try:
-                return self._client.scatter(
-                    self._local, broadcast=True, hash=False, timeout=CONNECT_TIMEOUT
-                )
-            except KeyError:
-                # The scheduler's, where a worker dies that it was about to send them to.
-                continue
-        raise ConnectionError("workers die while observations are sent to them")
+        self._client.wait_for_workers(1, timeout=CONNECT_TIMEOUT)
+        there = self._client.submit(_same, cost, pure=False)
+        # Raised by the scheduler where a worker dies that it was about to copy them to.
+        with suppress(KeyError):
+            self._client.replicate(there)
+        return there
 
     def _guarded(self, call: Callable[[], Any]) -> Any:
         distributed = _distributed()
@@ -280,6 +266,10 @@ class ClusterCost(Cost):
                 f"the cluster failed ({type(error).__name__}: {error}); start its scheduler and "
                 "workers again and learn again: the search continues from its last checkpoint"
             ) from None
+
+
+def _same(cost: TrajectoryCost) -> TrajectoryCost:
+    return cost
 
 
 def _certificate_files(folder: str) -> dict[str, str]:
@@ -306,20 +296,14 @@ def dask_setup(_worker: Any) -> None:
     _log_in_lines()
 
 
-class _OneLine(logging.Filter):
-    """Has a log record say its exception in the one line of its message, without a traceback."""
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        words = record.getMessage().split()
-        if record.exc_info and (error := record.exc_info[1]) is not None:
-            words += f"({type(error).__name__}: {error})".split()
-        record.msg, record.args = " ".join(words), ()
-        record.exc_info = record.exc_text = None
-        return True
-
-
-_ONE_LINE = _OneLine()
-"""One for all, as a handler takes the same filter once only."""
+def _in_one_line(record: logging.LogRecord) -> bool:
+    """Have a log record say its exception in the one line of its message, without a traceback."""
+    words = record.getMessage().split()
+    if record.exc_info and (error := record.exc_info[1]) is not None:
+        words += f"({type(error).__name__}: {error})".split()
+    record.msg, record.args = " ".join(words), ()
+    record.exc_info = record.exc_text = None
+    return True
 
 
 def _log_in_lines() -> None:
@@ -329,8 +313,8 @@ def _log_in_lines() -> None:
     """
     for name in ("distributed", "tornado", "tornado.application"):
         for handler in logging.getLogger(name).handlers:
-            handler.addFilter(_ONE_LINE)
-    logging.getLogger("asyncio").addFilter(_ONE_LINE)
+            handler.addFilter(_in_one_line)
+    logging.getLogger("asyncio").addFilter(_in_one_line)
 
 
 def _distributed() -> Any:

@@ -28,9 +28,6 @@ FAILED_DISTANCE = 1000.0
 LARGEST_CHUNK = 4_000_000
 """Largest number of coordinates simulated in one call, to bound the memory: 32 MB of positions."""
 
-LARGEST_SHARE = 500
-"""Trials between two checks for cancellation: a part of a second."""
-
 
 class Cost(ABC):
     """J of any θ_s over a fixed set of observations; subclasses say what simulates them.
@@ -63,11 +60,6 @@ class Cost(ABC):
         counts = [len(observation.objects) for observation in observations]
         self.trajectory_observation = np.repeat(np.arange(len(counts)), counts)
         self.trajectory_object = np.concatenate([np.arange(count) for count in counts])
-
-    @property
-    def largest_share(self) -> int:
-        """Trials to evaluate at once at most where it shall be possible to cancel."""
-        return LARGEST_SHARE
 
     def costs(self, candidates: Sequence[StaticParameters]) -> NDArray[np.float64]:
         """J of each candidate (Eq. 8), shape (n_candidates,), in m."""

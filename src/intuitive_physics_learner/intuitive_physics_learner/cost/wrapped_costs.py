@@ -1,55 +1,20 @@
-"""Costs that evaluate another one: in shares, from memory, or over some of its observations."""
+"""Costs that evaluate another one: from memory, or over some of its observations."""
 
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.parameter_space import parameter_vector
-from intuitive_physics_learner.cost.cost_function import Cost, chunks
+from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.trials import Trials, resting
-from intuitive_physics_learner.errors import LearningCancelledError
 
 REMEMBERED = 64
 """Sets of parameters remembered for an observation on average, more than a batch has candidates."""
-
-
-class InterruptibleCost(Cost):
-    """Another cost, evaluated in small shares between which it can be cancelled.
-
-    Parameters
-    ----------
-    cost : what evaluates J
-    cancelled : polled before each share
-
-    Raises
-    ------
-    LearningCancelledError
-        From its methods, when `cancelled` returned True.
-    """
-
-    def __init__(self, cost: Cost, cancelled: Callable[[], bool]) -> None:
-        super().__init__(cost.observations, cost.materials)
-        self.threads = cost.threads
-        self._cost = cost
-        self._cancelled = cancelled
-
-    def trial_distances(self, trials: Trials) -> NDArray[np.float64]:
-        return np.concatenate([self._cost.trial_distances(t) for t in self._shares(trials)])
-
-    def trial_residuals(self, trials: Trials) -> NDArray[np.float64]:
-        return np.concatenate([self._cost.trial_residuals(t) for t in self._shares(trials)])
-
-    def _shares(self, trials: Trials) -> Iterator[Trials]:
-        for part in chunks(np.arange(trials.size), self._cost.largest_share):
-            if self._cancelled():
-                raise LearningCancelledError
-            yield trials.taken(part)
 
 
 class CachedCost(Cost):

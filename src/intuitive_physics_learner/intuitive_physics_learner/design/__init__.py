@@ -11,7 +11,6 @@ from intuitive_physics_learner.design.throws import (
     Throw,
     ThrownObject,
     ThrowOptions,
-    ThrowRanges,
     ViewingConditions,
 )
 
@@ -23,7 +22,6 @@ __all__ = [
     "SuggestionRequest",
     "Throw",
     "ThrowOptions",
-    "ThrowRanges",
     "ThrownObject",
     "ViewingConditions",
     "suggest",

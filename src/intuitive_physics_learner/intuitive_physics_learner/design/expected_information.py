@@ -11,7 +11,7 @@ information.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +21,6 @@ from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.cost.wrapped_costs import InterruptibleCost
 from intuitive_physics_learner.design.throws import Throw, ViewingConditions
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     LARGEST_BEND,
@@ -50,37 +49,6 @@ hand."""
 
 
 @dataclass(frozen=True, eq=False)
-class ExpectedPosteriors:
-    """Posteriors expected after each of W throws that depend on q parameters each.
-
-    Parameters
-    ----------
-    throws : (W,) index of each among all candidates
-    parameters : (W, q) indices of the parameters that each depends on
-    covariances : (n_draws, W, q, q) of these parameters after the throw, in widths², were θ_s as
-        drawn
-    """
-
-    throws: NDArray[np.int64]
-    parameters: NDArray[np.int64]
-    covariances: NDArray[np.float64]
-
-    def reduction(
-        self, covariance: NDArray[np.float64], directions: NDArray[np.float64]
-    ) -> Reduction:
-        """Return what is left of the covariance of r linear functions of θ_s after each throw.
-
-        `covariance` (n, n) widths², of all parameters before the throw; `directions` (r, n) slopes
-        of the functions per width of each parameter.
-        """
-        crossed = covariance @ directions.T
-        block = covariance[self.parameters[:, :, None], self.parameters[:, None, :]]
-        gains = np.asarray(np.linalg.solve(block, crossed[self.parameters]), dtype=np.float64)
-        swapped = gains.transpose(0, 2, 1)
-        return Reduction(directions @ crossed, swapped, block - self.covariances.mean(axis=0))
-
-
-@dataclass(frozen=True, eq=False)
 class Reduction:
     """Covariances of r functions of θ_s before throws, B, and expected after each, B - U D Uᵀ.
 
@@ -100,6 +68,24 @@ class Reduction:
     gains: NDArray[np.float64]
     lost: NDArray[np.float64]
 
+    @staticmethod
+    def of(
+        covariance: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        parameters: NDArray[np.int64],
+        after: NDArray[np.float64],
+    ) -> Reduction:
+        """Return what is left after throws of which each says something of q parameters.
+
+        `covariance` (n, n) widths², of all parameters before the throw; `directions` (r, n) slopes
+        of the functions per width of each; `parameters` (W, q) indices of those of each throw, and
+        `after` (W, q, q) widths², their covariance after it.
+        """
+        crossed = covariance @ directions.T
+        block = covariance[parameters[:, :, None], parameters[:, None, :]]
+        gains = np.asarray(np.linalg.solve(block, crossed[parameters]), dtype=np.float64)
+        return Reduction(directions @ crossed, gains.transpose(0, 2, 1), block - after)
+
     @property
     def variances(self) -> NDArray[np.float64]:
         """Diagonals (W, r) of the covariances after each throw, never negative."""
@@ -117,26 +103,25 @@ class Reduction:
         return -np.asarray(np.linalg.slogdet(left)[1])
 
 
-def expected_posteriors(
+def expected_reductions(
     throws: Sequence[Throw],
     posterior: ParameterPosterior,
+    directions: NDArray[np.float64],
     units: NDArray[np.float64],
     viewing: ViewingConditions,
     simulator: Simulator,
     execution_error: float,
     rng: np.random.Generator,
-    *,
-    cancelled: Callable[[], bool] = lambda: False,
-) -> Iterator[ExpectedPosteriors]:
+) -> Iterator[tuple[NDArray[np.int64], Reduction]]:
     """Judge throws, those together that have equally many unknowns.
 
-    `units` (n_draws, n) draws of θ_s from the posterior, points of the unit cube; `execution_error`
-    standard deviation by which a throw misses what was meant, a part of the width of each range.
+    `directions` (r, n) slopes of what is asked, as of `Reduction.of`; `units` (n_draws, n) draws of
+    θ_s from the posterior, points of the unit cube; `execution_error` standard deviation by which a
+    throw misses what was meant, a part of the width of each range. Yields the index (W,) of each
+    throw among all, and what is left after each.
     """
     observations = [viewing.observation(throw.scene) for throw in throws]
-    cost = InterruptibleCost(
-        TrajectoryCost(observations, simulator, posterior.materials), cancelled
-    )
+    cost = TrajectoryCost(observations, simulator, posterior.materials)
     influence = parameter_influence(observations, posterior.materials)
     blocks = observation_blocks(observations, influence)
     groups = separate_groups(influence)
@@ -153,7 +138,8 @@ def expected_posteriors(
             deviations = np.full(block.prior_deviations.shape, 2.0 * STATE_STEP)
             linear = linearise(cost, block, missed[k], deviations, at, block.durations)
             expected[k] = _filtered(linear, block, prior, at, viewing)
-        yield ExpectedPosteriors(block.members, block.parameters, expected)
+        after = expected.mean(axis=0)
+        yield block.members, Reduction.of(covariance, directions, block.parameters, after)
 
 
 def _execution_errors(

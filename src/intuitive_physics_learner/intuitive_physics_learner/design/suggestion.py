@@ -5,7 +5,6 @@ They are made of options, or of what was seen and learned by a learner's databas
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,10 +13,9 @@ from numpy.typing import NDArray
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.parameter_posterior import ParameterPosterior
 from intuitive_physics.simulation import Simulator
-from intuitive_physics_learner.design.expected_information import expected_posteriors
+from intuitive_physics_learner.design.expected_information import expected_reductions
 from intuitive_physics_learner.design.questions import AboutMotion, AboutParameters, Question
 from intuitive_physics_learner.design.throws import Throw, ThrowOptions, ViewingConditions
-from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.store import ObservationStore
 from intuitive_physics_learner.store.observation_entries import USED
 
@@ -83,7 +81,6 @@ def suggest(
     candidates: int = CANDIDATES,
     draws: int = DRAWS,
     execution_error: float = EXECUTION_ERROR,
-    cancelled: Callable[[], bool] = lambda: False,
 ) -> list[Suggestion]:
     """Return the most informative throws, the best first.
 
@@ -105,35 +102,32 @@ def suggest(
     posterior : of θ_s, of all materials of the options and of the question
     question : what is asked
     viewing : how the throw will be observed
-    simulator : of throws and queries
+    simulator : of throws and queries, by whose flag they are cancelled
     rng : of all randomness
     count : of throws to return at most
     candidates, draws, execution_error : as the constants that are their defaults
-    cancelled : polled between batches of simulations
 
     Raises
     ------
     InvalidInputError
         When no valid throw lies within the ranges.
-    LearningCancelledError
-        When `cancelled` returned True.
+    SimulationStoppedError
+        When the simulator's flag was set.
     """
     directions = question.directions(posterior, simulator, rng)
-    covariance = Gaussian.of(posterior, bounded=True).covariance
     units = posterior.draw(draws, rng)
     names, scales = zip(*question.functions(posterior), strict=True)
 
     def judged(throws: list[Throw]) -> list[Suggestion]:
         """Judge throws, in their order."""
         suggestions: dict[int, Suggestion] = {}
-        for part in expected_posteriors(
-            throws, posterior, units, viewing, simulator, execution_error, rng, cancelled=cancelled
+        for members, reduction in expected_reductions(
+            throws, posterior, directions, units, viewing, simulator, execution_error, rng
         ):
-            reduction = part.reduction(covariance, directions)
             gains = question.information(reduction)
             before = np.sqrt(np.diag(reduction.before)) * scales
             after = np.sqrt(reduction.variances) * scales
-            for i, gain, left in zip(part.throws, gains, after, strict=True):
+            for i, gain, left in zip(members, gains, after, strict=True):
                 suggestions[int(i)] = Suggestion(throws[i], float(gain), names, before, left)
         return [suggestions[i] for i in range(len(throws))]
 
@@ -193,8 +187,6 @@ def suggest_from_store(
     store: ObservationStore,
     simulator: Simulator,
     request: SuggestionRequest,
-    *,
-    cancelled: Callable[[], bool] = lambda: False,
 ) -> list[Suggestion]:
     """Return the most informative throws, the best first.
 
@@ -204,9 +196,8 @@ def suggest_from_store(
     Parameters
     ----------
     store : of observations and θ_s
-    simulator : of throws and queries
+    simulator : of throws and queries, by whose flag they are cancelled
     request : what is asked
-    cancelled : polled between batches of simulations
 
     Raises
     ------
@@ -214,8 +205,8 @@ def suggest_from_store(
         When nothing was observed yet.
     InvalidInputError, UnknownNameError
         When the request does not fit what was observed.
-    LearningCancelledError
-        When `cancelled` returned True.
+    SimulationStoppedError
+        When the simulator's flag was set.
     StorageError
         When the database cannot be read.
     """
@@ -242,5 +233,4 @@ def suggest_from_store(
         simulator,
         np.random.default_rng(request.seed),
         count=request.count,
-        cancelled=cancelled,
     )

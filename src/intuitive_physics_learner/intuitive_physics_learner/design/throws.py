@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,61 +27,11 @@ ATTEMPTS = 50
 COVARIANCE = (ERROR_SIZE, ERROR_SIZE)
 """Shape of the covariance of an initial state."""
 
+RANGES = ("position", "linear_velocity", "angular_velocity")
+"""Fields of what may be thrown that are ranges of its initial state."""
+
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
 """Orientation (x, y, z, w) of an object whose axes are those of the environment."""
-
-
-@dataclass(frozen=True, eq=False)
-class ThrowRanges:
-    """Between what initial states a throw may begin, in the environment's frame.
-
-    Parameters
-    ----------
-    position : (3, 2) m, lowest and highest of each axis
-    linear_velocity : (3, 2) m/s, likewise
-    angular_velocity : (3, 2) rad/s, likewise
-    """
-
-    position: NDArray[np.float64]
-    linear_velocity: NDArray[np.float64]
-    angular_velocity: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 2)))
-
-    def __post_init__(self) -> None:
-        for name, value in list(vars(self).items()):
-            words = f"range of the {name.replace('_', ' ')}"
-            ends = finite_array(value, words, (3, 2))
-            if (ends[:, 0] > ends[:, 1]).any():
-                raise InvalidInputError(
-                    f"{words} is {ends.tolist()}; expected lowest ≤ highest on each axis"
-                )
-            object.__setattr__(self, name, ends)
-
-    @staticmethod
-    def of_states(states: Sequence[ObjectState]) -> ThrowRanges:
-        """Return the smallest ranges that hold all of some initial states, at least one."""
-
-        def span(values: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-            return np.stack([np.min(values, axis=0), np.max(values, axis=0)], axis=1)
-
-        return ThrowRanges(
-            span([state.position for state in states]),
-            span([state.linear_velocity for state in states]),
-            span([state.angular_velocity for state in states]),
-        )
-
-    @property
-    def lower(self) -> NDArray[np.float64]:
-        """Lowest position (m), linear (m/s) and angular velocity (rad/s), (9,)."""
-        return self._all[:, 0]
-
-    @property
-    def widths(self) -> NDArray[np.float64]:
-        """Widths of the ranges in the order of `lower`, (9,)."""
-        return np.asarray(self._all[:, 1] - self._all[:, 0])
-
-    @property
-    def _all(self) -> NDArray[np.float64]:
-        return np.concatenate([self.position, self.linear_velocity, self.angular_velocity])
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,29 +41,51 @@ class ThrownObject:
     Parameters
     ----------
     object : with material and shape
-    ranges : of position and velocities
+    position : (3, 2) m, lowest and highest on each axis of the environment's frame
+    linear_velocity : (3, 2) m/s, likewise
+    angular_velocity : (3, 2) rad/s, likewise; 0 by default
     covariance : (12, 12) of its initial state as it will be observed, in the order of
         `ObjectState`; 0 by default
     orientations : (n, 4) unit quaternions (x, y, z, w), from one of which it may begin
     """
 
     object: SceneObject
-    ranges: ThrowRanges
+    position: NDArray[np.float64]
+    linear_velocity: NDArray[np.float64]
+    angular_velocity: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 2)))
     covariance: NDArray[np.float64] = field(default_factory=lambda: np.zeros(COVARIANCE))
     orientations: NDArray[np.float64] = field(default_factory=lambda: np.array([IDENTITY]))
 
     def __post_init__(self) -> None:
         set_field = super().__setattr__
+        for name in RANGES:
+            words = f"range of the {name.replace('_', ' ')}"
+            ends = finite_array(getattr(self, name), words, (3, 2))
+            if (ends[:, 0] > ends[:, 1]).any():
+                raise InvalidInputError(
+                    f"{words} is {ends.tolist()}; expected lowest ≤ highest on each axis"
+                )
+            set_field(name, ends)
         set_field("covariance", finite_array(self.covariance, "state covariance", COVARIANCE))
         set_field("orientations", finite_array(self.orientations, "orientations", (None, 4)))
+
+    @property
+    def lower(self) -> NDArray[np.float64]:
+        """Lowest position (m), linear (m/s) and angular velocity (rad/s), (9,)."""
+        return np.concatenate([getattr(self, name)[:, 0] for name in RANGES])
+
+    @property
+    def widths(self) -> NDArray[np.float64]:
+        """Widths of the ranges in the order of `lower`, (9,)."""
+        return np.concatenate([np.diff(getattr(self, name))[:, 0] for name in RANGES])
 
     def state(self, place: NDArray[np.float64], orientation: NDArray[np.float64]) -> ObjectState:
         """Return the initial state at a place of the ranges.
 
-        `place` (9,) from 0 to 1, in the order of `ThrowRanges.lower`; `orientation` (4,) unit
+        `place` (9,) from 0 to 1, in the order of `lower`; `orientation` (4,) unit
         quaternion (x, y, z, w).
         """
-        values = self.ranges.lower + place * self.ranges.widths
+        values = self.lower + place * self.widths
         return ObjectState(values[0:3], orientation, values[3:6], values[6:9], self.covariance)
 
 
@@ -153,7 +126,7 @@ class ViewingConditions:
 
     def with_starts(self, options: ThrowOptions) -> ViewingConditions:
         """Return the same with all in view from where objects may be thrown."""
-        starts = [thrown.ranges.position for cast in options.casts for thrown in cast]
+        starts = [thrown.position for cast in options.casts for thrown in cast]
         low, high = np.moveaxis(np.array([self.region, *starts]), 2, 0)
         return replace(self, region=np.stack([low.min(axis=0), high.max(axis=0)], axis=1))
 
@@ -245,15 +218,11 @@ class ThrowOptions:
 
         `position` (3, 2) m; `linear_velocity` (3, 2) m/s; `angular_velocity` (3, 2) rad/s.
         """
-        asked = {
-            "position": position,
-            "linear_velocity": linear_velocity,
-            "angular_velocity": angular_velocity,
-        }
-        given = {name: ends for name, ends in asked.items() if ends is not None}
+        asked = zip(RANGES, (position, linear_velocity, angular_velocity), strict=True)
+        given: dict[str, Any] = {name: ends for name, ends in asked if ends is not None}
 
         def moved(thrown: ThrownObject) -> ThrownObject:
-            return replace(thrown, ranges=replace(thrown.ranges, **given))
+            return replace(thrown, **given)
 
         return ThrowOptions(self.environment, tuple(tuple(map(moved, cast)) for cast in self.casts))
 
@@ -319,8 +288,8 @@ class Throw:
         for _ in range(count):
             states = []
             for thrown, state in zip(self.cast, self.states, strict=True):
-                vector, widths = state.to_vector(), thrown.ranges.widths
-                values = np.concatenate([vector[0:3], vector[7:13]]) - thrown.ranges.lower
+                vector, widths = state.to_vector(), thrown.widths
+                values = np.concatenate([vector[0:3], vector[7:13]]) - thrown.lower
                 place = np.divide(values, widths, out=np.zeros(9), where=widths > 0.0)
                 moved = place + spread * rng.standard_normal(9)
                 inside = np.clip(np.abs((moved + 1.0) % 2.0 - 1.0), 0.0, 1.0)
@@ -339,7 +308,7 @@ class Throw:
         """Widths of the ranges, (n_objects, 12) as errors of a state; zero for orientations."""
         widths = np.zeros((len(self.cast), ERROR_SIZE))
         for row, thrown in zip(widths, self.cast, strict=True):
-            row[[0, 1, 2, 6, 7, 8, 9, 10, 11]] = thrown.ranges.widths
+            row[[0, 1, 2, 6, 7, 8, 9, 10, 11]] = thrown.widths
         return widths
 
 
@@ -361,10 +330,15 @@ def _kind(track: ObservedObject) -> tuple[str, str]:
 
 
 def _observed_throw(tracks: Sequence[ObservedObject]) -> ThrownObject:
+    """Return the newest of some objects, to be thrown from between the initial states of all."""
     states = [track.initial_state for track in tracks]
+    vectors = np.array([state.to_vector() for state in states])
+    ends = np.stack([vectors.min(axis=0), vectors.max(axis=0)], axis=1)
     return ThrownObject(
         tracks[-1].object,
-        ThrowRanges.of_states(states),
+        ends[0:3],
+        ends[7:10],
+        ends[10:13],
         np.mean([state.covariance for state in states], axis=0),
-        np.array([state.orientation for state in states]),
+        vectors[:, 3:7],
     )

@@ -22,9 +22,12 @@ from intuitive_physics_learner.cost.cluster import CostMaker
 from intuitive_physics_learner.design import suggest_from_store
 from intuitive_physics_learner.errors import StorageError
 from intuitive_physics_learner.given_parameters import given_parameters
-from intuitive_physics_learner.learning_job import Work
 from intuitive_physics_learner.learning_session import LearningOptions
-from intuitive_physics_learner.nodes.learning_services import RequestedSearches, answered_beside
+from intuitive_physics_learner.nodes.learning_services import (
+    RequestedSearches,
+    Work,
+    answered_beside,
+)
 from intuitive_physics_learner.nodes.observation_services import (
     BUSY_TIMEOUT,
     ObservationServices,
@@ -137,7 +140,7 @@ class LearnerNode(ManagedNode):
         self._suggestions = SuggestionService(
             self,
             lambda request, stop: suggest_from_store(
-                self._store, self._simulator.stopped_by(stop), request, cancelled=stop.is_set
+                self._store, self._simulator.stopped_by(stop), request
             ),
         )
         given = self.get_parameter("export_folder").value
@@ -224,7 +227,6 @@ class LearnerNode(ManagedNode):
             self._simulator.stopped_by(stop),
             options,
             on_progress=on_progress,
-            cancelled=stop.is_set,
             make_cost=self._make_cost,
         )
 
@@ -279,9 +281,10 @@ class LearnerNode(ManagedNode):
             "version": self._current.version,
             "cost": newest.cost if newest else "",
         }
-        job = self._searches.running
-        if job is not None:
-            return Status(Level.OK, f"searching, at iteration {job.iteration}", values)
+        search = self._searches.running
+        if search is not None:
+            sentence = f"searching, at iteration {search.progress.iteration}"
+            return Status(Level.OK, sentence, values)
         return Status(Level.OK, "waiting to be asked", values)
 
     def _check_background(self) -> Status:

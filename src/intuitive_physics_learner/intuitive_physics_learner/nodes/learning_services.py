@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import math
-import threading
 import time
 from array import array
 from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from intuitive_physics_msgs.action import LearnParameters
@@ -25,18 +26,16 @@ from intuitive_physics.simulation.stop_flag import StopFlag
 from intuitive_physics_learner.errors import (
     ClusterError,
     IncompatibleEnvironmentError,
-    LearningCancelledError,
     MissingDependencyError,
     NoObservationsError,
     StorageError,
     SupersededError,
     UnknownMethodError,
 )
-from intuitive_physics_learner.learning_job import LearningJob, Work
 from intuitive_physics_learner.learning_session import LearningOptions, LearningResult
 from intuitive_physics_learner.nodes.parameters import learning_options
 from intuitive_physics_learner.search.convergence import SearchProgress
-from intuitive_physics_ros.background import Background, WorkerSignal
+from intuitive_physics_ros.background import Background, trigger
 from intuitive_physics_ros.lifecycle.kernel_loading import COMPILING
 from intuitive_physics_ros.result_codes import RefusedError, error_result, ok_result
 from intuitive_physics_ros.unexpected_errors import unexpected_errors
@@ -45,7 +44,6 @@ CODES: dict[type[BaseException], int] = {
     NoObservationsError: ResultCode.NO_OBSERVATIONS,
     UnknownMethodError: ResultCode.UNKNOWN_METHOD,
     MissingDependencyError: ResultCode.MISSING_DEPENDENCY,
-    LearningCancelledError: ResultCode.CANCELLED,
     StorageError: ResultCode.STORAGE_FAILED,
     IncompatibleEnvironmentError: ResultCode.INCOMPATIBLE_ENVIRONMENT,
     ClusterError: ResultCode.CLUSTER_FAILED,
@@ -87,20 +85,60 @@ def answered_beside(
 DEADLINE = "search_deadline"
 """Name of the node's parameter."""
 
-CANCEL_PATIENCE = 0.2
-"""s from a request to cancel a search to the answer at most. Simulations end within some ms; steps
-of linear algebra of many parameters, or of another machine, can take longer, and so does the import
-of a package that the method needs."""
+REPORT_PERIOD = 0.1
+"""s between two messages of feedback at least, except for the last."""
+
+CANCELLED = "learning was cancelled; nothing was stored"
+"""Answer to the caller who cancels a search."""
 
 NEXT_PATIENCE = 5.0
-"""Longest time, s, that a request waits for the end of a search that was cancelled."""
+"""Longest time, s, that a request waits for the end of a search that was cancelled. Simulations end
+within some ms; steps of linear algebra of many parameters, or of another machine, can take longer,
+and so does the import of a package that the method needs."""
 
-MakeWork = Callable[[LearningOptions], Work]
-"""Makes what a job runs from the options of a request."""
+YIELD_PERIOD, YIELD = 0.02, 2e-4
+"""s between two pauses of a search, and their length. A kernel releases the interpreter lock and
+takes it again within some 10 µs; a thread that waits for it is woken by each release, too late, and
+so never asks for it: it waited for 0.5 s now and then."""
+
+Work = Callable[[Callable[[SearchProgress], None], StopFlag], LearningResult]
+"""Takes `on_progress`, as `learn_from_store` does, and a flag that its simulations stop by."""
+
+
+@dataclass(eq=False)
+class RequestedSearch:
+    """A search that was asked for. It may go on for a moment after its caller was answered.
+
+    Parameters
+    ----------
+    options : of the request
+    goal : of the action, which gets feedback; None: it was asked for by the service
+    began : when, s on the monotonic clock
+    begun, ended : whether its thread has begun and ended it
+    answered : whether its caller was answered
+    progress : so far
+    costs : lowest J after each evaluation so far, m
+    reported : number of these that feedback has had
+    learned : what was learned; None before the end, or where it failed
+    reported_at, yielded_at : when feedback was published, and other threads were let run, s
+    """
+
+    options: LearningOptions
+    goal: ServerGoalHandle | None
+    began: float = field(default_factory=time.monotonic)
+    begun: bool = False
+    ended: bool = False
+    answered: bool = False
+    progress: SearchProgress = field(default_factory=SearchProgress)
+    costs: array[float] = field(default_factory=lambda: array("d"))
+    reported: int = 0
+    learned: LearnedParameters | None = None
+    reported_at: float = 0.0
+    yielded_at: float = 0.0
 
 
 class RequestedSearches:
-    """Offers `~/learn` and `~/learn_parameters`, one search at a time.
+    """Offers `~/learn` and `~/learn_parameters`, one search at a time, in a thread of its own.
 
     `on_end` is called in the node's executor with what was learned; None when nothing was.
     """
@@ -108,7 +146,7 @@ class RequestedSearches:
     def __init__(
         self,
         node: Node,
-        make_work: MakeWork,
+        make_work: Callable[[LearningOptions], Work],
         to_message: Callable[[LearnedParameters], StaticParametersMessage],
         on_begin: Callable[[], None],
         on_end: Callable[[LearnedParameters | None], None],
@@ -118,9 +156,10 @@ class RequestedSearches:
         self._to_message = to_message
         self._on_begin = on_begin
         self._on_end = on_end
-        self._job: LearningJob | None = None
-        self._stopped = False
-        self._changed = WorkerSignal(node)
+        self._search: RequestedSearch | None = None
+        self._background = Background(node, "learning")
+        # Triggered in the thread of the search, called back in the node's executor.
+        self._ended = node.create_guard_condition(self._finish)
         # While a search waits in a callback, others of its group must run.
         together = ReentrantCallbackGroup()
         node.create_service(Learn, "~/learn", self._on_learn, callback_group=together)
@@ -134,26 +173,22 @@ class RequestedSearches:
         )
 
     @property
-    def running(self) -> LearningJob | None:
+    def running(self) -> RequestedSearch | None:
         """The search that runs."""
-        return None if self._job is None or self._job.done else self._job
+        return None if self._search is None or self._search.ended else self._search
 
     def cancel(self, why: str) -> None:
         """Cancel a search that runs; its caller gets the reason."""
         if self.running is not None:
-            self.running.cancel(why)
-            self._changed.set()
+            self._background.cancel(why)
 
     def stop(self, patience: float) -> bool:
         """Cancel a search that runs and refuse others; return whether it ends in `patience` s."""
-        self._stopped = True
-        return self._job is None or self._job.stop(patience)
+        return self._background.stop(patience)
 
     async def _on_learn(self, request: Learn.Request, response: Learn.Response) -> Learn.Response:
         try:
-            job = await self._start(learning_options(self._node, request.options))
-            await self._watched(job)
-            self._fill(response, job)
+            await self._answer(response, learning_options(self._node, request.options))
         except Exception as error:
             response.result = refusal(self._node, error, "learning")
         return response
@@ -162,9 +197,7 @@ class RequestedSearches:
         answer = LearnParameters.Result()
         try:
             options = learning_options(self._node, goal.request.options)
-            job = await self._start(options)
-            answer.cost_history = await self._watched(job, goal, options)
-            self._fill(answer, job)
+            answer.cost_history = await self._answer(answer, options, goal)
         except Exception as error:
             answer.result = refusal(self._node, error, "learning")
             goal.canceled() if goal.is_cancel_requested else goal.abort()
@@ -173,126 +206,96 @@ class RequestedSearches:
         return answer
 
     def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
-        # `_watched` sees the request and cancels the job.
-        self._changed.set()
+        if self._search is not None and self._search.goal is goal:
+            self.cancel(CANCELLED)
         return CancelResponse.ACCEPT
 
-    async def _start(self, options: LearningOptions) -> LearningJob:
-        if (before := self.running) is not None and before.cancelled:
-            deadline = time.monotonic() + NEXT_PATIENCE
-            timer = _timer(NEXT_PATIENCE, self._changed.set)
-            await self._end_of(before, deadline)
-            timer.cancel()
-        if self._stopped:
-            raise RefusedError(ResultCode.CANCELLED, "the node ends")
+    async def _answer(
+        self,
+        answer: Learn.Response | LearnParameters.Result,
+        options: LearningOptions,
+        goal: ServerGoalHandle | None = None,
+    ) -> array[float]:
+        """Search, fill in the answer, and return the lowest J after each iteration, m."""
+        if self.running is not None and self.running.answered:
+            # It was cancelled; its thread takes the next work when it has ended.
+            with suppress(RefusedError):
+                await self._background.run(lambda stop: None, time_limit=NEXT_PATIENCE)
+        if goal is not None and goal.is_cancel_requested:
+            raise RefusedError(ResultCode.CANCELLED, CANCELLED)
+        self._finish()
         if (other := self.running) is not None:
-            state = "was cancelled and has not ended yet" if other.cancelled else "runs already"
+            state = "was cancelled and has not ended yet" if other.answered else "runs already"
             raise RefusedError(
                 ResultCode.BUSY,
-                f"a search {state}, at iteration {other.iteration}; wait for its end or cancel it",
+                f"a search {state}, at iteration {other.progress.iteration}; wait for its end or "
+                "cancel it",
             )
         self._on_begin()
-        self._job = LearningJob(self._noted(self._make_work(options)), self._changed.set)
-        return self._job
-
-    async def _end_of(self, job: LearningJob, deadline: float = math.inf) -> None:
-        """Wait for the end of a job, or for the first signal after a deadline (monotonic)."""
-        while not job.done and time.monotonic() < deadline:
-            change = self._changed.next()
-            if not job.done:
-                await change
-
-    def _noted(self, work: Work) -> Work:
-        """Return the same work, which says in the log that it compiles kernels when it does."""
-        log = self._node.get_logger()
-
-        def noted(on_progress: Callable[[SearchProgress], None], stop: StopFlag) -> LearningResult:
-            with compilations_noted(lambda: log.info(COMPILING, once=True)):
-                return work(on_progress, stop)
-
-        return noted
-
-    async def _watched(
-        self,
-        job: LearningJob,
-        goal: ServerGoalHandle | None = None,
-        options: LearningOptions | None = None,
-    ) -> array[float]:
-        """Wait for the end of a job, publish feedback to a goal, return its cost history (m).
-
-        A job that was cancelled and has not ended by then is left to end by itself.
-        """
-        history = array("d")
-        waits_until = math.inf
-        deadline = self._deadline(job)
+        search = self._search = RequestedSearch(options, goal)
         try:
-            while True:
-                change = self._changed.next()
-                done = job.done
-                progress = job.drain_progress()
-                history.extend(progress.new_costs)
-                if goal is not None and options is not None and progress.new_costs:
-                    self._publish_feedback(goal, progress, options)
-                if goal is not None and goal.is_cancel_requested:
-                    job.cancel()
-                if done:
-                    self._on_end(job.learned())
-                    return history
-                if job.cancelled and math.isinf(waits_until):
-                    # A node that ends has waited already, and answers no more soon after.
-                    patience = 0.0 if self._stopped else CANCEL_PATIENCE
-                    waits_until = time.monotonic() + patience
-                    _timer(patience, self._changed.set)
-                executor = self._node.executor
-                if time.monotonic() >= waits_until and executor is not None:
-                    executor.create_task(self._ended_late(job))
-                    raise job.cancellation
-                await change
-        finally:
-            deadline.cancel()
-
-    async def _ended_late(self, job: LearningJob) -> None:
-        await self._end_of(job)
-        self._on_end(job.learned())
-
-    def _deadline(self, job: LearningJob) -> threading.Timer:
-        seconds = self._node.get_parameter(DEADLINE).value
-
-        def cancel() -> None:
-            job.cancel(
-                f"the search has not ended within {seconds:g} s, so it is cancelled and nothing "
-                f"was stored; raise {DEADLINE}, or set time_limit"
+            result = await self._background.run(
+                partial(self._run, search),
+                time_limit=self._node.get_parameter(DEADLINE).value,
+                remedy=f"nothing was stored; raise {DEADLINE}, or set time_limit",
             )
-            self._changed.set()
+        finally:
+            search.answered = True
+            search.ended |= not search.begun
+            self._finish()
+            answer.iterations = search.progress.iteration
+            answer.computation_time = time.monotonic() - search.began
+        answer.static_parameters = self._to_message(result.learned)
+        answer.result = ok_result()
+        return search.costs
 
-        return _timer(seconds, cancel)
+    def _finish(self) -> None:
+        """Report the end of a search that has ended, once."""
+        search = self._search
+        if search is not None and search.ended:
+            self._search = None
+            self._on_end(search.learned)
 
-    def _publish_feedback(
-        self, goal: ServerGoalHandle, progress: SearchProgress, options: LearningOptions
-    ) -> None:
+    def _run(self, search: RequestedSearch, stop: StopFlag) -> LearningResult:
+        """Search, in a thread beside the node."""
+        stop.check()
+        search.begun = True
+        log = self._node.get_logger()
+        try:
+            with compilations_noted(lambda: log.info(COMPILING, once=True)):
+                result = self._make_work(search.options)(partial(self._note, search), stop)
+            search.learned = result.learned
+            return result
+        finally:
+            self._publish_feedback(search)
+            search.ended = True
+            trigger(self._ended)
+
+    def _note(self, search: RequestedSearch, progress: SearchProgress) -> None:
+        search.progress = progress
+        search.costs.extend(progress.new_costs)
+        now = time.monotonic()
+        if now - search.yielded_at >= YIELD_PERIOD:
+            search.yielded_at = now
+            time.sleep(YIELD)
+        if now - search.reported_at >= REPORT_PERIOD:
+            search.reported_at = now
+            self._publish_feedback(search)
+
+    def _publish_feedback(self, search: RequestedSearch) -> None:
+        costs = search.costs[search.reported :]
+        if search.goal is None or search.answered or not costs:
+            return
+        search.reported = len(search.costs)
         feedback = LearnParameters.Feedback(
-            iteration=progress.iteration,
-            max_iterations=options.criteria.max_iterations,
-            best_cost=progress.best_cost,
-            cost_history=array("d", progress.new_costs),
-            time_left=progress.seconds_left,
+            iteration=search.progress.iteration,
+            max_iterations=search.options.criteria.max_iterations,
+            best_cost=search.progress.best_cost,
+            cost_history=costs,
+            time_left=search.progress.seconds_left,
         )
         try:
-            goal.publish_feedback(feedback)
+            search.goal.publish_feedback(feedback)
         except Exception as error:
             # Whoever wanted to watch is gone; what is learned counts all the same.
             unexpected_errors(self._node).report(error, "feedback of a search")
-
-    def _fill(self, answer: Learn.Response | LearnParameters.Result, job: LearningJob) -> None:
-        answer.iterations = job.iteration
-        answer.computation_time = job.seconds
-        answer.static_parameters = self._to_message(job.result().learned)
-        answer.result = ok_result()
-
-
-def _timer(seconds: float, action: Callable[[], None]) -> threading.Timer:
-    """Call something after so long, from another thread that keeps no process alive."""
-    timer = threading.Timer(seconds, action)
-    timer.daemon = True
-    timer.start()
-    return timer

@@ -1,8 +1,7 @@
 """On-line learning: θ_s improves in the background as observations arrive.
 
-`OnlineLearner(simulator).learn_from(observation)` learns in the calling process and returns what is
-published; `StoredOnlineLearning` does so from a store; `background_learning` in a process of its
-own.
+`OnlineLearner` learns from observations that it is given; `StoredOnlineLearning` from those of a
+store, in the calling process; `background_learning` in a process of its own.
 """
 
 from intuitive_physics_learner.online.lone_fit import LoneFit

@@ -47,11 +47,9 @@ class OnlineLearner:
     Parameters
     ----------
     simulator : the engine that simulates candidates
-    options : how to learn; None for the defaults
-    state : of a learner to continue exactly; None to begin with nothing
-    observations : `kept_observations` of that learner, in any order
-    recall : returns earlier observations by their ids, those that are still to be learned from;
-        None: what may be needed of them is kept here
+    options : how to learn
+    state : an empty one, or that of a learner to continue exactly
+    recall : returns earlier observations by their ids, those that are still to be learned from
 
     Attributes
     ----------
@@ -62,27 +60,20 @@ class OnlineLearner:
     def __init__(
         self,
         simulator: Simulator,
-        options: OnlineOptions | None = None,
-        state: OnlineState | None = None,
-        observations: Iterable[Observation] = (),
-        recall: Callable[[Sequence[str]], Iterable[Observation]] | None = None,
+        options: OnlineOptions,
+        state: OnlineState,
+        recall: Callable[[Sequence[str]], Iterable[Observation]],
     ) -> None:
         self._simulator = simulator
-        self._options = options or OnlineOptions()
-        self.state = OnlineState.empty() if state is None else state
+        self._options = options
+        self.state = state
         self.problem = ""
-        self._observations = {observation.id: observation for observation in observations}
         self._recall = recall
-        for name in ("window", "doubtful") if recall else ("window", "past", "doubtful"):
-            members = getattr(self.state, name)
-            there = [member for member in members if member.id in self._observations]
-            setattr(self.state, name, there)
-
-    def learn_from(self, observation: Observation) -> LearnedParameters:
-        """Learn from one more observation; return the newest published θ_s."""
-        self.learn_from_all([observation])
-        published = self.state.published
-        return published or LearnedParameters.defaults(observation.materials)
+        self._observations: dict[str, Observation] = {}
+        self._observations = self._recalled([*state.window, *state.doubtful])
+        for name in ("window", "doubtful"):
+            members = getattr(state, name)
+            setattr(state, name, [each for each in members if each.id in self._observations])
 
     def learn_from_all(
         self,
@@ -163,11 +154,6 @@ class OnlineLearner:
         state.end_trial()
         self._drop_observations()
 
-    @property
-    def kept_observations(self) -> list[Observation]:
-        """Observations that the state needs to continue, a bounded number."""
-        return list(self._observations.values())
-
     def _let_included_ones_come_again(self, given: set[str]) -> None:
         """Let doubtful observations that a user includes be new ones."""
         state = self.state
@@ -242,15 +228,13 @@ class OnlineLearner:
     def _recalled(self, members: Iterable[Member]) -> dict[str, Observation]:
         """Return observations by id: those at hand, and earlier ones as far as they are there."""
         missing = [member.id for member in members if member.id not in self._observations]
-        found = self._recall(missing) if missing and self._recall is not None else ()
+        found = self._recall(missing) if missing else ()
         return self._observations | {observation.id: observation for observation in found}
 
     def _cost(self, observations: Sequence[Observation]) -> TrajectoryCost:
         return TrajectoryCost(observations, self._simulator, self.state.materials)
 
     def _drop_observations(self) -> None:
-        """Keep the observations that the state needs, those that were set aside included."""
-        state = self.state
-        past = [] if self._recall else state.past
-        members = (*past, *state.window, *state.doubtful)
+        """Have the observations of the window at hand, and those that were set aside."""
+        members = (*self.state.window, *self.state.doubtful)
         self._observations = {member.id: self._observations[member.id] for member in members}

@@ -126,7 +126,7 @@ class Refitted:
 
 @dataclass(eq=False)
 class OnlineState:
-    """Knowledge of n parameters, and the observations that it rests on.
+    """Knowledge of n parameters, and the observations that it rests on; before any, nothing.
 
     Parameters
     ----------
@@ -168,15 +168,15 @@ class OnlineState:
     refitted : since then, the last fit and the one before it
     """
 
-    materials: tuple[str, ...]
-    centre: NDArray[np.float64]
-    unit: NDArray[np.float64]
-    ground: Gaussian
-    retired: Gaussian
-    posterior: Gaussian
-    spread: NDArray[np.float64]
-    flatness: NDArray[np.float64]
-    free: NDArray[np.float64]
+    materials: tuple[str, ...] = ()
+    centre: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    unit: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    ground: Gaussian = field(default_factory=lambda: Gaussian.nothing(0))
+    retired: Gaussian = field(default_factory=lambda: Gaussian.nothing(0))
+    posterior: Gaussian = field(default_factory=lambda: Gaussian.nothing(0))
+    spread: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    flatness: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    free: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
     window: list[Member] = field(default_factory=list)
     past: list[Member] = field(default_factory=list)
     doubtful: list[Member] = field(default_factory=list)
@@ -365,14 +365,6 @@ class OnlineState:
             member.likelihood = replace(member.likelihood, parameters=parameters)
         if self.published is not None:
             self.published = self.published.extended(together)
-
-    @staticmethod
-    def empty() -> OnlineState:
-        """Before any observation."""
-        nothing = np.zeros(0)
-        nothings = Gaussian.nothing(0), Gaussian.nothing(0), Gaussian.nothing(0)
-        widths = nothing.copy(), nothing.copy(), np.zeros((0, 2))
-        return OnlineState((), nothing, nothing.copy(), *nothings, *widths)
 
     def to_json(self) -> str:
         """Return it as JSON text, every number to its last digit."""

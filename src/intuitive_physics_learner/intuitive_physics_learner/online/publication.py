@@ -14,7 +14,6 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.parameter_posterior import (
     LARGEST_DEVIATION,
     UNIFORM_PRECISION,
-    ParameterPosterior,
 )
 from intuitive_physics.parameter_space import parameter_vector, parameters_of_vector
 from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_VOTE
@@ -101,10 +100,10 @@ def has_moved_far(state: OnlineState) -> bool:
 
 def next_version(state: OnlineState, cost: float) -> LearnedParameters:
     """Return the estimate as the next version of θ_s."""
-    space, held, published = state.space, state.held, state.published
-    parameters, widths = state.parameters, _at_least(state, state.ends)
+    space, held, names = state.space, state.held, state.materials
+    published = state.published or LearnedParameters.defaults(names)
+    widths = _at_least(state, state.ends)
     information = _widened(state, widths).precision
-    identified = held | (widths < LARGEST_DEVIATION)
     slopes = space.slopes(state.unit)
     covariance = np.linalg.inv(information + UNIFORM_PRECISION * np.eye(widths.size))
     covariance[held], covariance[:, held] = 0.0, 0.0
@@ -112,46 +111,30 @@ def next_version(state: OnlineState, cost: float) -> LearnedParameters:
     one_sided = is_one_sided(state.free, widths) & ~held
     ends = interval_ends(state.unit, state.free, widths, one_sided)
     intervals = ends_in_si_units(space, state.unit, ends, np.arange(widths.size))
-    posterior = ParameterPosterior.from_information(
-        state.materials, space.to_unit(parameters), information, space.bounds, ends
-    )
-    kept = _kept_intervals(state)
-    if published is not None and kept.any():
-        values = np.where(
-            kept, parameter_vector(published.parameters), parameter_vector(parameters)
-        )
-        parameters = parameters_of_vector(state.materials, values)
-        before = published.whole_posterior().within(space.bounds)
-        posterior = before.renewed(~kept, space.to_unit(parameters), information, ends)
-        intervals = np.where(kept[:, None], published.intervals, intervals)
-        deviations = np.where(kept, published.standard_deviations, deviations)
-        identified = np.where(kept, published.identified, identified)
-    given = None if published is None else published.given
-    if given is not None:
-        posterior = given.imposed_on(posterior, parameters)
+    known = published.whole_posterior().within(space.bounds)
+    # A published interval stays as long as nothing has changed what is known of its parameter.
+    new = _differs(state, Gaussian.of(known, held).bounded(state.centre))
+    new |= np.isnan(known.intervals[:, 0])
+    values, before = parameter_vector(state.parameters), parameter_vector(published.parameters)
+    parameters = parameters_of_vector(names, np.where(new, values, before))
+    identified = np.where(new, held | (widths < LARGEST_DEVIATION), published.identified)
+    deviations = np.where(new, deviations, published.standard_deviations)
+    posterior = known.renewed(new, space.to_unit(parameters), information, ends)
+    if published.given is not None:
+        posterior = published.given.imposed_on(posterior, parameters)
     return LearnedParameters(
         parameters=parameters,
         standard_deviations=np.where(held, 0.0, np.where(identified, deviations, np.nan)),
         identified=identified,
-        version=(0 if published is None else published.version) + 1,
+        version=published.version + 1,
         cost=cost,
-        observation_count=state.processed - state.set_aside,
+        observation_count=state.used,
         method=JOINT_METHOD,
-        intervals=intervals,
+        intervals=np.where(new[:, None], intervals, published.intervals),
         posterior=posterior,
-        given=given,
+        given=published.given,
         initial_spins=state.initial_spins(),
     )
-
-
-def _kept_intervals(state: OnlineState) -> NDArray[np.bool_]:
-    """Which parameters (n,) have a published one-sided interval that nothing has changed since."""
-    published = state.published
-    if published is None:
-        return np.zeros(state.unit.size, dtype=bool)
-    posterior = published.whole_posterior().within(state.space.bounds)
-    before = Gaussian.of(posterior, state.held).bounded(state.centre)
-    return ~np.isnan(posterior.intervals[:, 0]) & ~_differs(state, before)
 
 
 def _differs(state: OnlineState, before: Gaussian) -> NDArray[np.bool_]:

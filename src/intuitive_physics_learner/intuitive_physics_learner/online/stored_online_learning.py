@@ -7,11 +7,13 @@ import time
 import numpy as np
 
 from intuitive_physics.errors import InvalidInputError
+from intuitive_physics.observation import Observation
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.online.online_learner import OnlineLearner
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.store import ObservationStore, OnlineRecord
+from intuitive_physics_learner.store.observation_entries import INCLUDED_BY_USER
 
 BATCH = 8
 """Largest number of waiting observations that are learned from together, so that they share the
@@ -68,20 +70,23 @@ class StoredOnlineLearning:
                 self._adopt()
         state = self.learner.state
         new = self._record.observations_since(state.position, BATCH, state.adopted)
-        if new.revision == state.position:
+        if not new:
             return False
-        for name, problem in new.problems.items():
-            self.problem = f"observation {name} cannot be read and is passed over: {problem}"
+        observations = [each for _, each in new if isinstance(each, Observation)]
+        trusted = [entry.id for entry, _ in new if entry.reason == INCLUDED_BY_USER]
+        for entry, read in new:
+            if isinstance(read, InvalidInputError):
+                self.problem = f"observation {entry.id} cannot be read and is passed over: {read}"
         before = self._version
-        usual = self._options.seconds * len(new.observations)
+        usual = self._options.seconds * len(observations)
         ends = time.process_time() + usual + state.spare_seconds
         assessments = self.learner.learn_from_all(
-            new.observations, lambda: ends - time.process_time(), new.trusted
+            observations, lambda: ends - time.process_time(), trusted
         )
         most = self._options.seconds * MOST_SPARED
         state.spare_seconds = float(np.clip(ends - time.process_time(), 0.0, most))
         self.problem = self.learner.problem or self.problem
-        state.position = new.revision
+        state.position = new[-1][0].revision
         learned = state.published if self._version != before else None
         if not self._store.save_online(state.to_json(), before, learned, assessments):
             # Others have stored a version meanwhile: it counts, and these are learned from again.
@@ -96,14 +101,13 @@ class StoredOnlineLearning:
     def _resumed(self) -> OnlineLearner:
         text = self._record.state()
         try:
-            state = OnlineState.empty() if text is None else OnlineState.from_json(text)
+            state = OnlineState() if text is None else OnlineState.from_json(text)
         except InvalidInputError as error:
             self.problem = f"{error}; all observations are learned from again"
-            state = OnlineState.empty()
+            state = OnlineState()
         used = self._record.still_used([member.id for member in state.past])
         state.past = [member for member in state.past if member.id in used]
-        kept = self._record.kept([member.id for member in (*state.window, *state.doubtful)])
-        return OnlineLearner(self._simulator, self._options, state, kept, self._record.kept)
+        return OnlineLearner(self._simulator, self._options, state, self._record.kept)
 
     def _adopt(self) -> None:
         """Take over the newest θ_s, which others have stored."""

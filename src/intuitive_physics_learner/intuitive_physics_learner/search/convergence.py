@@ -19,7 +19,6 @@ class StopReason(str, Enum):
     NO_GAIN = "no_gain"
     COST_THRESHOLD = "cost_threshold"
     TIME_LIMIT = "time_limit"
-    CANCELLED = "cancelled"
     EXHAUSTED = "exhausted"
 
 
@@ -70,22 +69,20 @@ class ConvergenceCriteria:
 
 @dataclass(frozen=True)
 class SearchProgress:
-    """The progress of a search.
+    """The progress of a search, at first of one that has just begun.
 
     Parameters
     ----------
     iteration : evaluations of J so far
     best_cost : lowest J so far, m
     new_costs : lowest J after each iteration since the last progress, m
-    seconds : since the search began
     seconds_left : until it ends at the latest, as far as known; infinite when nothing bounds it
     """
 
-    iteration: int
-    best_cost: float
-    new_costs: tuple[float, ...]
-    seconds: float
-    seconds_left: float
+    iteration: int = 0
+    best_cost: float = np.inf
+    new_costs: tuple[float, ...] = ()
+    seconds_left: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)

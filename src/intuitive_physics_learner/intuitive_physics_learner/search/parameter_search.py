@@ -28,10 +28,13 @@ CostFunction = Callable[[Sequence[StaticParameters]], NDArray[np.float64]]
 """J of several candidates, shape (n_candidates,), in m."""
 
 LARGEST_BATCH = 50
-"""Candidates evaluated at once at most; between batches a search can be stopped."""
+"""Candidates evaluated at once at most; between batches the criteria are looked at."""
 
 CHECKPOINT_PERIOD = 1.0
 """s between two states that a search hands out while it runs."""
+
+LARGEST_CHECKPOINT_SHARE = 0.05
+"""Part of a search's time that may be spent on handing out its state, as to store it."""
 
 RELATIVE_GAIN = 1e-4
 """Part of J by which it must fall to count as a gain; set by hand."""
@@ -90,24 +93,24 @@ class Search(Resumable, ABC):
         criteria: ConvergenceCriteria,
         *,
         on_progress: Callable[[SearchProgress], None] | None = None,
-        cancelled: Callable[[], bool] | None = None,
         on_checkpoint: Callable[[dict[str, Any]], None] | None = None,
         reserve: Callable[[float], float] = lambda seconds: 0.0,
     ) -> SearchResult:
-        """Step until a criterion is met or `cancelled` returns True; at least one step.
+        """Step until a criterion is met; at least one step.
 
         Iterations of a state that was loaded count, seconds do not; where it has met a criterion no
         step is taken.
 
         Parameters
         ----------
-        on_checkpoint : called with the `state` at most every `CHECKPOINT_PERIOD`, and at the
-            end
+        on_checkpoint : called with the `state` at most every `CHECKPOINT_PERIOD`, less often where
+            it takes long, and at the end
         reserve : given the s that the search has taken, returns the s of the time limit to leave
             for what comes after it
         """
-        began = saved = time.monotonic()
-        reason = self._stop_reason(criteria, 0.0, False, None) if self.iterations else None
+        began = time.monotonic()
+        next_checkpoint = began + CHECKPOINT_PERIOD
+        reason = self._stop_reason(criteria, 0.0, False) if self.iterations else None
         if not self.iterations:
             self.plan(criteria)
         while reason is None:
@@ -119,15 +122,16 @@ class Search(Resumable, ABC):
             seconds = time.monotonic() - began
             if on_progress is not None and evaluated:
                 on_progress(self._progress_since(before, seconds, criteria))
-            if on_checkpoint is not None and time.monotonic() - saved >= CHECKPOINT_PERIOD:
+            now = time.monotonic()
+            if on_checkpoint is not None and now >= next_checkpoint:
                 on_checkpoint(self.state())
-                saved = time.monotonic()
+                period = (time.monotonic() - now) / LARGEST_CHECKPOINT_SHARE
+                next_checkpoint = now + max(CHECKPOINT_PERIOD, period)
             spent = seconds + reserve(seconds)
-            reason = self._stop_reason(criteria, spent, evaluated == 0, cancelled)
+            reason = self._stop_reason(criteria, spent, evaluated == 0)
         if on_checkpoint is not None:
             on_checkpoint(self.state())
-        if reason is not StopReason.CANCELLED:
-            self.conclude()
+        self.conclude()
         return SearchResult(
             self.best_parameters,
             self.best_cost,
@@ -144,15 +148,9 @@ class Search(Resumable, ABC):
             self._gain_iteration = self.iterations
 
     def _stop_reason(
-        self,
-        criteria: ConvergenceCriteria,
-        seconds: float,
-        exhausted: bool,
-        cancelled: Callable[[], bool] | None,
+        self, criteria: ConvergenceCriteria, seconds: float, exhausted: bool
     ) -> StopReason | None:
         without_gain = self.iterations - self._gain_iteration
-        if cancelled is not None and cancelled():
-            return StopReason.CANCELLED
         if criteria.cost_threshold is not None and self.best_cost < criteria.cost_threshold:
             return StopReason.COST_THRESHOLD
         if _reached(self.iterations, criteria.max_iterations):
@@ -172,15 +170,16 @@ class Search(Resumable, ABC):
         if criteria.max_iterations is not None:
             pace = seconds / max(1, self.iterations)
             left = min(left, pace * max(0, criteria.max_iterations - self.iterations))
-        return SearchProgress(
-            self.iterations, self.best_cost, tuple(self._history[before:]), seconds, float(left)
-        )
+        new_costs = tuple(self._history[before:])
+        return SearchProgress(self.iterations, self.best_cost, new_costs, float(left))
 
 
 class ParameterSearch(Search):
-    """Algorithm 1 with an update rule."""
+    """Algorithm 1 with an update rule.
 
-    remembered = (*Search.remembered, "_best_point")
+    Its state is the costs of all candidates: the rule proposes the same candidates again when it is
+    given the same costs, which takes some 10 µs each where nothing is simulated.
+    """
 
     def __init__(self, cost: CostFunction, space: SearchSpace, rule: UpdateRule) -> None:
         super().__init__()
@@ -191,6 +190,7 @@ class ParameterSearch(Search):
         self._cost = cost
         self._space = space
         self._rule = rule
+        self._costs: list[float] = []
         self._best_point: NDArray[np.float64] | None = None
 
     @property
@@ -202,15 +202,17 @@ class ParameterSearch(Search):
     def step(self, limit: int) -> int:
         """Evaluate up to `limit` candidates at once; return how many there were."""
         points = self._rule.ask(limit)
-        if len(points) == 0:
-            return 0
-        costs = self._cost([self._space.to_parameters(point) for point in points])
+        if len(points):
+            self._take(points, self._cost([self._space.to_parameters(point) for point in points]))
+        return len(points)
+
+    def _take(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> None:
         self._rule.tell(costs)
+        self._costs += costs.tolist()
         for point, cost in zip(points, costs.tolist(), strict=True):
             if cost < self.best_cost:
                 self._best_point = point
             self._record(min(cost, self.best_cost))
-        return len(points)
 
     def keep_start(self, task: LearningTask) -> bool:
         (cost,) = self._cost([task.start]).tolist()
@@ -220,11 +222,18 @@ class ParameterSearch(Search):
         return better
 
     def state(self) -> dict[str, Any]:
-        return {**super().state(), "rule": self._rule.state_dict()}
+        return {"costs": list(self._costs)}
 
     def load_state(self, state: Mapping[str, Any]) -> None:
-        super().load_state(state)
-        self._rule.load_state(state["rule"])
+        costs = np.array(state["costs"], dtype=np.float64)
+        while left := costs.size - self.iterations:
+            points = self._rule.ask(left)
+            if len(points) == 0:
+                raise InvalidInputError(
+                    f"{left} costs are left when the rule proposes nothing more; expected those of "
+                    "a search by the same rule"
+                )
+            self._take(points, costs[self.iterations :][: len(points)])
 
 
 def _reached(value: float, limit: float | None) -> bool:

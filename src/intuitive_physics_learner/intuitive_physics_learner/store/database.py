@@ -15,7 +15,7 @@ searches             key, saved_at (Unix time), version (of θ_s that it began f
 
 Triggers keep the counts, the materials and the entries of deleted observations right, whichever
 program writes. Opening reads the header and one row of each table, not the whole file: damage
-elsewhere is found when what is damaged is read, or by `Database.damage`.
+elsewhere is found when what is damaged is read, or by `Database.check`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ from typing import Any
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_learner.errors import DatabaseBusyError, StorageError
-from intuitive_physics_learner.store.observation_entries import COLUMNS
 
 APPLICATION_ID = 0x49505331
 """Distinguishes our files from other SQLite files: "IPS1"."""
@@ -110,25 +109,6 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
 FIRST_VERSION = 4
 """Schema version that the first entry leads to."""
 
-FIRST_ROWS = (
-    "SELECT received_at, json FROM observations LIMIT 1",
-    "SELECT id FROM observations ORDER BY id LIMIT 1",
-    f"SELECT {COLUMNS} FROM observation_entries LIMIT 1",
-    "SELECT status FROM observation_entries ORDER BY status LIMIT 1",
-    "SELECT id FROM observation_entries ORDER BY id LIMIT 1",
-    "SELECT revision FROM observation_entries ORDER BY revision LIMIT 1",
-    "SELECT has_detections FROM observation_entries ORDER BY has_detections LIMIT 1",
-    "SELECT MAX(last_time - first_time) FROM observation_entries",
-    "SELECT status, count FROM observation_counts",
-    "SELECT name, count FROM observed_materials ORDER BY number",
-    "SELECT revision FROM observation_set",
-    "SELECT learned_at, json FROM learned_parameters LIMIT 1",
-    "SELECT MAX(version) FROM learned_parameters",
-    "SELECT key, json FROM searches ORDER BY key LIMIT 1",
-    "SELECT json FROM online_state",
-)
-"""Queries that touch each table and index once, which takes no time that grows with the file."""
-
 PRIVATE = 0o600
 """Permissions of a new database: what a robot saw and learned is for its own user."""
 
@@ -183,14 +163,13 @@ def _check_place(folder: Path) -> None:
 class Database:
     """An open file; may be used from several threads, and the file by several processes.
 
-    `busy_timeout` in s to wait for another process that writes; None takes `BUSY_TIMEOUT`.
+    `busy_timeout` in s to wait for another process that writes.
     """
 
-    def __init__(self, path: str | os.PathLike[str], busy_timeout: float | None) -> None:
+    def __init__(self, path: str | os.PathLike[str], busy_timeout: float) -> None:
         self.path = Path(path).expanduser()
         self._lock = threading.RLock()
         self._damage: str | None = None
-        timeout = BUSY_TIMEOUT if busy_timeout is None else busy_timeout
         _check_place(self.path.parent)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -202,7 +181,7 @@ class Database:
         with self._explained("open"):
             self._make_private()
             self._connection = sqlite3.connect(
-                self.path, timeout=timeout, isolation_level=None, check_same_thread=False
+                self.path, timeout=busy_timeout, isolation_level=None, check_same_thread=False
             )
         # One text with a broken byte is one unreadable row and no more.
         self._connection.text_factory = lambda text: text.decode(errors="replace")
@@ -248,14 +227,16 @@ class Database:
                     self._connection.execute("ROLLBACK")
                 raise
 
-    def damage(self) -> str:
-        """Read the whole file, and return what is wrong with it; empty: nothing.
+    def check(self) -> None:
+        """Read the whole file; a `StorageError` says what is wrong with it.
 
         Takes about a second for each 500 MB, and longer from a slow disk.
         """
         with self.reading() as connection:
             problems = " ".join(_quick_check(connection, 5))
-        return "" if problems == "ok" else problems
+            if problems != "ok":
+                self._damage = f" ({problems})"
+                raise StorageError(self._damaged())
 
     def _make_private(self) -> None:
         """Make a file that does not exist yet so that only its owner can read it.
@@ -285,8 +266,8 @@ class Database:
                     for statement in statements:
                         connection.execute(statement)
                 connection.execute(f"PRAGMA user_version = {latest_version()}")
-        for query in FIRST_ROWS:
-            self.rows(query)
+        for (table,) in self.rows("SELECT name FROM sqlite_master WHERE type = 'table'"):
+            self.rows(f"SELECT * FROM {table} LIMIT 1")
 
     @contextmanager
     def _explained(self, action: str) -> Iterator[None]:

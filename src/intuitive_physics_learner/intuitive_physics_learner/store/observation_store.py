@@ -29,7 +29,7 @@ from intuitive_physics_learner.errors import (
     StorageError,
     UnreadableVersionError,
 )
-from intuitive_physics_learner.store.database import Database
+from intuitive_physics_learner.store.database import BUSY_TIMEOUT, Database
 from intuitive_physics_learner.store.observation_entries import (
     COLUMNS,
     DOUBTFUL,
@@ -76,8 +76,7 @@ class ObservationStore:
     Parameters
     ----------
     path : of the database; it and its folder are made where they do not exist
-    busy_timeout : s to wait for another process that writes, before a `DatabaseBusyError`; None
-        takes `database.BUSY_TIMEOUT`
+    busy_timeout : s to wait for another process that writes, before a `DatabaseBusyError`
 
     Attributes
     ----------
@@ -94,7 +93,7 @@ class ObservationStore:
         By methods that take ids or statuses, when there is none of that name; then nothing changes.
     """
 
-    def __init__(self, path: str | os.PathLike[str], busy_timeout: float | None = None) -> None:
+    def __init__(self, path: str | os.PathLike[str], busy_timeout: float = BUSY_TIMEOUT) -> None:
         self.database = Database(path, busy_timeout)
         self.path = self.database.path
         self._unreadable_versions: dict[int, str] = {}
@@ -184,11 +183,6 @@ class ObservationStore:
         rows = self.database.rows("SELECT name FROM observed_materials ORDER BY number")
         return tuple(name for (name,) in rows)
 
-    def ids(self) -> list[str]:
-        """Return the ids of all observations in the order in which they came."""
-        rows = self.database.rows("SELECT id FROM observation_entries ORDER BY number")
-        return [name for (name,) in rows]
-
     def entries(
         self,
         *,
@@ -277,20 +271,6 @@ class ObservationStore:
         self.observations(ids)
         return self._set_status(ids, USED, 1.0, INCLUDED_BY_USER)
 
-    def apply_assessments(self, assessments: Sequence[Assessment]) -> int:
-        """Store what a learner thinks of observations, all in one transaction.
-
-        Those that the user excluded or included, that cannot be read or were deleted stay as they
-        are. What is doubtful comes back with an assessment of status `USED`. The revision stays.
-
-        Returns
-        -------
-        int
-            How many were assessed.
-        """
-        with self.database.writing() as connection:
-            return _assess(connection, assessments)
-
     def delete(self, ids: Sequence[str]) -> int:
         """Delete observations for good; return how many there were."""
         with self.database.writing() as connection:
@@ -344,12 +324,7 @@ class ObservationStore:
 
         They are marked so; those that were marked and can be read are used again.
         """
-        damage = self.database.damage()
-        if damage:
-            raise StorageError(
-                f"{self.path} is damaged ({damage}); it was left as it is: restore a copy of it, "
-                f"or save what can be saved with: sqlite3 {self.path} .recover"
-            )
+        self.database.check()
         deque(self.each_observation((USED, DOUBTFUL, EXCLUDED)), maxlen=0)
         readable = [
             (entry.id, observation)
@@ -374,11 +349,16 @@ class ObservationStore:
                 return stored
 
     def add_improvement(
-        self, learned: LearnedParameters, on: int, learned_from: Sequence[str] = ()
+        self,
+        learned: LearnedParameters,
+        on: int,
+        learned_from: Sequence[str] = (),
+        assessments: Sequence[Assessment] = (),
     ) -> LearnedParameters | None:
         """Store θ_s as the next version if `on` is still the newest; None if it is not.
 
-        `learned_from` are the ids of the observations that a search has learned it from.
+        `learned_from` are the ids of the observations that a search has learned it from, and
+        `assessments` what it thinks of them, as `save_online` takes it.
         """
         numbered = replace(learned, version=on + 1)
         text = json.dumps(numbered.to_dict(), allow_nan=False)
@@ -392,6 +372,7 @@ class ObservationStore:
                 "WHERE id IN (SELECT value FROM json_each(?))",
                 (numbered.version, json.dumps(list(learned_from))),
             )
+            _assess(connection, assessments)
         return numbered
 
     def save_online(
@@ -408,7 +389,9 @@ class ObservationStore:
         state : JSON text
         on : version of θ_s that the state knows; nothing is saved if there is a newer one
         learned : the next version of θ_s; None if there is none
-        assessments : of observations, as `apply_assessments`
+        assessments : of observations. Those that the user excluded or included, that cannot be
+            read or were deleted stay as they are; what is doubtful comes back with the status
+            `USED`. The revision stays.
 
         Returns
         -------
@@ -589,14 +572,14 @@ def _insert_version(connection: sqlite3.Connection, version: int, text: str) -> 
     )
 
 
-def _assess(connection: sqlite3.Connection, assessments: Sequence[Assessment]) -> int:
+def _assess(connection: sqlite3.Connection, assessments: Sequence[Assessment]) -> None:
     constants = {"used": USED, "doubtful": DOUBTFUL, "included": INCLUDED_BY_USER}
-    return connection.executemany(
+    connection.executemany(
         "UPDATE observation_entries SET status = :status, weight = :weight, reason = :reason "
         "WHERE id = :id AND status IN (:used, :doubtful) "
         "AND NOT (status = :used AND reason = :included)",
         [{**vars(assessment), **constants} for assessment in assessments],
-    ).rowcount
+    )
 
 
 def _newest_version(connection: sqlite3.Connection) -> int:

@@ -4,35 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.observation import Observation
 from intuitive_physics_learner.store.database import Database
 from intuitive_physics_learner.store.observation_entries import (
+    COLUMNS,
     DOUBTFUL,
-    INCLUDED_BY_USER,
     USED,
+    ObservationEntry,
     parsed_observation,
     readable_observations,
 )
-
-
-@dataclass(frozen=True)
-class NewObservations:
-    """Observations that were added or given back since a revision of the store.
-
-    Parameters
-    ----------
-    observations : in the order in which they were added or given back
-    trusted : ids of those that the user has included
-    problems : of each observation that cannot be read, by its id
-    revision : from which to read on; the same as before where there are none
-    """
-
-    observations: list[Observation]
-    trusted: frozenset[str]
-    problems: dict[str, str]
-    revision: int
 
 
 class OnlineRecord:
@@ -41,26 +24,21 @@ class OnlineRecord:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def observations_since(self, revision: int, limit: int, but: int) -> NewObservations:
-        """Read the first observations that were added or given back since a revision.
+    def observations_since(
+        self, revision: int, limit: int, but: int
+    ) -> list[tuple[ObservationEntry, Observation | InvalidInputError]]:
+        """Read the first observations that were added or given back since a revision, in order.
 
-        Those that the search has learned from that led to version `but` are left out; 0: none are.
+        Each comes with its entry; in place of one that cannot be read there is what is wrong. Those
+        that the search has learned from that led to version `but` are left out; 0: none are.
         """
         rows = self._database.rows(
-            "SELECT entry.revision, entry.id, reason, json FROM observation_entries AS entry "
-            "JOIN observations USING (id) WHERE entry.revision > ? AND entry.status = ? "
-            "AND entry.learned_in IS NOT ? ORDER BY entry.revision LIMIT ?",
+            f"SELECT * FROM (SELECT {COLUMNS} FROM observation_entries WHERE revision > ? "
+            "AND status = ? AND learned_in IS NOT ? ORDER BY revision LIMIT ?) "
+            "JOIN (SELECT id, json FROM observations) USING (id) ORDER BY revision",
             (revision, USED, but, limit),
         )
-        observations, problems = [], {}
-        for _, name, _, text in rows:
-            observation = parsed_observation(text)
-            if isinstance(observation, Observation):
-                observations.append(observation)
-            else:
-                problems[name] = str(observation)
-        trusted = frozenset(name for _, name, reason, _ in rows if reason == INCLUDED_BY_USER)
-        return NewObservations(observations, trusted, problems, rows[-1][0] if rows else revision)
+        return [(ObservationEntry.from_row(row[:-1]), parsed_observation(row[-1])) for row in rows]
 
     def count_since(self, revision: int, but: int) -> int:
         """Return the number of observations that `observations_since` reads, without a limit."""

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import threading
+import time
 from types import SimpleNamespace
 
 import pytest
 import rclpy
-from intuitive_physics_msgs.msg import ResultCode
+from intuitive_physics_msgs.msg import ResultCode, StaticParameters
+from intuitive_physics_msgs.srv import Learn
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from intuitive_physics_learner.errors import LearningCancelledError
 from intuitive_physics_learner.learning_session import LearningOptions
 from intuitive_physics_learner.nodes import learning_services
 from intuitive_physics_learner.nodes.learning_services import RequestedSearches
@@ -46,84 +47,102 @@ def may_end():
 
 
 @pytest.fixture
-def searches(node, may_end):
+def ends():
+    """What was reported when searches ended."""
+    return []
+
+
+@pytest.fixture
+def begun():
+    return threading.Event()
+
+
+@pytest.fixture
+def searches(node, may_end, ends, begun):
     """Searches that go on, cancelled or not, until they may end."""
 
     def work(on_progress, stop):
+        begun.set()
         may_end.wait(PATIENCE)
-        return SimpleNamespace(learned=None)
+        return SimpleNamespace(learned="this")
 
+    node.declare_parameter(learning_services.DEADLINE, 3600.0)
     return RequestedSearches(
-        node, lambda options: work, lambda learned: None, lambda: None, lambda learned: None
+        node, lambda options: work, lambda learned: StaticParameters(), lambda: None, ends.append
     )
 
 
-def started(executor, searches):
-    """Return a task whose result is the search, or why it is refused."""
+def asked(executor, searches):
+    """Return a task whose result is a request's answer, or why it is refused."""
 
-    async def start():
+    async def ask():
+        response = Learn.Response()
         try:
-            return await searches._start(LearningOptions())
+            await searches._answer(response, LearningOptions())
         except RefusedError as error:
             return error
+        return response
 
-    task = executor.create_task(start)
+    task = executor.create_task(ask)
     executor.spin_once(timeout_sec=0.1)
     return task
 
 
-def test_search_waits_for_the_end_of_a_cancelled_one(executor, searches, may_end) -> None:
-    first = started(executor, searches).result()
+def test_search_waits_for_the_end_of_a_cancelled_one(
+    executor, searches, may_end, ends, begun
+) -> None:
+    first = asked(executor, searches)
+    assert begun.wait(PATIENCE)
     searches.cancel("the test wants another")
-    task = started(executor, searches)
-    assert not task.done()
+    executor.spin_until_future_complete(first, PATIENCE)
+    assert "the test wants another" in str(first.result())
+    second = asked(executor, searches)
+    executor.spin_once(timeout_sec=0.1)
+    assert not second.done()
     may_end.set()
-    executor.spin_until_future_complete(task, PATIENCE)
-    assert first.done
-    assert task.result() is not first
+    executor.spin_until_future_complete(second, PATIENCE)
+    assert second.result().result.value == ResultCode.OK
+    # What the first one learned is stored, though its caller was told otherwise before.
+    assert ends == ["this", "this"]
+    assert searches.running is None
 
 
 def test_search_is_refused_while_a_cancelled_one_does_not_end(
-    executor, searches, monkeypatch
+    executor, searches, begun, monkeypatch
 ) -> None:
     monkeypatch.setattr(learning_services, "NEXT_PATIENCE", 0.1)
-    started(executor, searches)
+    first = asked(executor, searches)
+    assert begun.wait(PATIENCE)
     searches.cancel("the test wants another")
-    task = started(executor, searches)
+    executor.spin_until_future_complete(first, PATIENCE)
+    task = asked(executor, searches)
     executor.spin_until_future_complete(task, PATIENCE)
     assert task.result().code == ResultCode.BUSY
     assert "was cancelled and has not ended yet" in str(task.result())
 
 
 def test_search_is_refused_at_once_while_another_runs(executor, searches) -> None:
-    started(executor, searches)
-    task = started(executor, searches)
+    asked(executor, searches)
+    task = asked(executor, searches)
     assert task.done()
     assert task.result().code == ResultCode.BUSY
     assert "a search runs already, at iteration 0; wait for its end" in str(task.result())
 
 
 def test_a_node_that_ends_answers_at_once_though_a_search_does_not_end(
-    node, executor, searches, may_end, monkeypatch
+    executor, searches, may_end, ends, begun
 ) -> None:
     """Its services are gone soon after."""
-    monkeypatch.setattr(learning_services, "CANCEL_PATIENCE", 3600.0)
-    node.declare_parameter(learning_services.DEADLINE, 3600.0)
-    job = started(executor, searches).result()
-
-    async def answered():
-        try:
-            return await searches._watched(job)
-        except LearningCancelledError as error:
-            return error
-
-    task = executor.create_task(answered)
-    executor.spin_once(timeout_sec=0.1)
-    searches.cancel("the node ends, so the search is cancelled")
+    task = asked(executor, searches)
+    assert begun.wait(PATIENCE)
     assert not searches.stop(patience=0.0)
     executor.spin_until_future_complete(task, PATIENCE)
     assert "the node ends" in str(task.result())
+    assert searches.running is not None
+    assert ends == []
     may_end.set()
-    while not job.done:
+    until = time.monotonic() + PATIENCE
+    while not ends and time.monotonic() < until:
         executor.spin_once(timeout_sec=0.1)
-    executor.spin_once(timeout_sec=0.1)
+    assert ends == ["this"]
+    assert searches.running is None

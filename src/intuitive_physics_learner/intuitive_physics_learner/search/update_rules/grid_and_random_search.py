@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import islice, product
 from typing import ClassVar
 
 import numpy as np
@@ -22,27 +23,13 @@ class GridSearch(UpdateRule):
     defaults: ClassVar[Mapping[str, float]] = {"increment": 0.05}
     """increment: δp, step of each parameter on the unit interval."""
 
-    remembered = ("_next",)
-
     def _prepare(self) -> None:
-        self._levels = grid_levels(self.settings["increment"])
-        self._next = 0
+        self._points = product(grid_levels(self.settings["increment"]), repeat=self.size)
 
     def propose(self) -> NDArray[np.float64]:
-        # Python's whole numbers: the grid has up to 20^945 points.
-        last = min(self._next + GENERATION, self._levels.size**self.size)
-        points = np.full((last - self._next, self.size), self._levels[0])
-        for row, number in enumerate(range(self._next, last)):
-            axis = 0
-            while number:
-                number, digit = divmod(number, self._levels.size)
-                points[row, axis] = self._levels[digit]
-                axis += 1
-        return points
-
-    def update(self, points: NDArray[np.float64], costs: NDArray[np.float64]) -> None:
-        if self._generation_count > 0 or self._start is None:
-            self._next += len(points)
+        # The last factor of a product changes fastest.
+        points = np.array([*islice(self._points, GENERATION)])
+        return points.reshape(-1, self.size)[:, ::-1]
 
 
 def grid_levels(increment: float) -> NDArray[np.float64]:

@@ -22,8 +22,6 @@ class ClimbingRule(UpdateRule):
     cost : J in m at the current point
     """
 
-    remembered: ClassVar[tuple[str, ...]] = ("point", "cost")
-
     def _prepare(self) -> None:
         self.point: NDArray[np.float64] | None = None
         self.cost = np.inf
@@ -63,8 +61,6 @@ class CoordinateDescent(ClimbingRule):
     defaults: ClassVar[Mapping[str, float]] = {"increment": 0.05}
     """increment: δp, step of a parameter on the unit interval."""
 
-    remembered = (*ClimbingRule.remembered, "_order", "_position")
-
     def _prepare(self) -> None:
         super()._prepare()
         self._levels = grid_levels(self.settings["increment"])
@@ -96,8 +92,6 @@ class ParameterGradientSearch(ClimbingRule):
     defaults: ClassVar[Mapping[str, float]] = {"learning_rate": 0.1, "smallest_step": 0.001}
     """learning_rate: α, first step on the unit interval; smallest_step: β, below which the next
     parameter is targeted."""
-
-    remembered = (*ClimbingRule.remembered, "_step", "_target", "targets_done")
 
     def _prepare(self) -> None:
         super()._prepare()

@@ -238,7 +238,7 @@ def test_the_spread_of_spins_converges_with_the_fit(event_driven, seed):
     # The estimate suits the spread of the step before: taken for the posterior's mean, a narrow
     # spread and spins of before make a wide one, and that one with spins of no size a narrow one.
     observed = throws(event_driven, 5, seed, 0.1, frames=150, guess=0.1)
-    _, task = _begin(observed, event_driven, OPTIONS, None, None, TrajectoryCost)
+    _, task = _begin(observed, event_driven, OPTIONS, None, TrajectoryCost)
     fit = JointFit(task.fit_task, JointEstimationSettings())
     deviations = []
     while not fit.settled and fit.steps < 40:

@@ -77,7 +77,7 @@ class ActiveSpace:
         return StaticParameters(parameters.materials, parameters.density, coefficients)
 
     def values(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the parameters (size,) of the axes at a point of the cube (size,), in SI units."""
+        """Return the parameters (size,) of the axes in SI units, at `unit` (size,) of the cube."""
         return parameter_vector(self.to_parameters(unit))[self._places]
 
     def to_unit(self, parameters: StaticParameters) -> NDArray[np.float64]:

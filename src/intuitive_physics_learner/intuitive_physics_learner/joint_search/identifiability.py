@@ -3,8 +3,7 @@
 To what slopes at an estimate say is added by what fits from other starts differ that explain the
 observations as well (`several_starts`). But all fits to the same observations have errors in
 common, so half of the observations is fitted as well, from where the best fit began
-(`agreed_deviations`), and how the estimate varies without each of them is added
-(`jackknife_variances`). What lies beyond a kink is found by the profile of the loss (`profiles`);
+(`agreed_deviations`). What lies beyond a kink is found by the profile of the loss (`profiles`);
 within an interval that is one-sided the half cannot disagree, nor need it be bound by slopes.
 
 A search that lowers J takes initial states as they were seen, and ends elsewhere than a fit, the
@@ -50,7 +49,7 @@ from intuitive_physics_learner.search.learning_task import LearningTask
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
 FEWEST_OBSERVATIONS = 4
-"""Observations from which on fits to parts of them are compared: two in each half."""
+"""Observations from which on the fit to half of them is compared: two in each half."""
 
 SLOPE_STEP = 1e-5
 """Width of the differences that find how θ_s changes along an axis of the unit cube."""
@@ -125,7 +124,10 @@ def identifiability_of_optimum(
             break
     posterior = curvature_posterior(fit)
     free, ends = one_sided_moves(fit, posterior.deviations)
-    deviations = np.sqrt(np.maximum(ends**2, _left_out(fit)))
+    likelihoods = fit.likelihoods()
+    observed = Gaussian.nothing(unit.size).plus(likelihoods, fit.weights)
+    left_out = jackknife_variances(observed, fit.prior.mean, likelihoods, fit.weights)
+    deviations = np.sqrt(np.maximum(ends**2, left_out))
     stated = _stated(task, fit, unit, posterior, free, deviations)
     responsive = stated.responsive.copy()
     responsive[task.active] |= _changes_cost(task, unit)
@@ -180,13 +182,6 @@ def _stated(
     )
 
 
-def _left_out(fit: JointFit) -> NDArray[np.float64]:
-    """Return how the estimate varies without each of the observations, variances (n,), widths²."""
-    likelihoods, bounds = fit.likelihoods(), Gaussian.within_bounds(fit.prior.mean)
-    known = fit.prior.joined(bounds, -1.0).plus(likelihoods, fit.weights)
-    return jackknife_variances(known, fit.prior.mean, likelihoods, fit.weights)
-
-
 def balanced_half(influence: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Choose half of the observations, with about half of those that depend on each parameter.
 
@@ -211,10 +206,9 @@ def _agreed(
     task: LearningTask,
     out_of_time: Callable[[], bool],
 ) -> NDArray[np.float64]:
-    """Return deviations (n,) with which parts of the observations agree.
+    """Fit half of the observations, and return the deviations (n,) with which it agrees.
 
-    These are half of them, which is fitted, and all but one. Of those that are known beforehand
-    each part knows as much.
+    Of those that are known beforehand the half knows as much.
     """
     counted = np.flatnonzero(staged.task.counted)
     if counted.size < FEWEST_OBSERVATIONS:
@@ -227,8 +221,7 @@ def _agreed(
         half.step()
     said = curvature_posterior(half.joint)
     families = _families(task.searched.names)
-    by_half = agreed_deviations(staged.joint.unit, deviations, said, families, free)
-    return np.sqrt(by_half**2 + _left_out(staged.joint))
+    return agreed_deviations(staged.joint.unit, deviations, said, families, free)
 
 
 def _changes_cost(task: LearningTask, unit: NDArray[np.float64]) -> NDArray[np.bool_]:

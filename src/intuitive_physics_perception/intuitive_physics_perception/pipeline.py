@@ -439,6 +439,7 @@ class PerceptionPipeline:
 
 
 def _has_reading(points: NDArray[np.float32]) -> bool:
-    """Whether anything was read, (height, width, 3) m; one reading of eight mostly tells."""
+    """Whether `points` (height, width, 3) m have any reading; in most frames every eighth column
+    has one, so that the others need not be looked at."""
     depths = points[..., 2]
     return bool(np.isfinite(depths[:, ::8]).any() or np.isfinite(depths).any())

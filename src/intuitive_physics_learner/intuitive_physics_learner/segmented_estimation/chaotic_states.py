@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.frames.change_of_frame import CONJUGATE
 from intuitive_physics.geometry.rotations import quaternion_product, rotate_quaternions
 from intuitive_physics.simulation import Rollout, Simulator, WorldBatch, WorldStatus
 
@@ -53,7 +54,7 @@ def change(after: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[n
     changes = np.empty((*shape, 12))
     changes[..., :3] = after[..., :3] - before[..., :3]
     changes[..., 6:] = after[..., 7:] - before[..., 7:]
-    turned = quaternion_product(after[..., 3:7], before[..., 3:7] * [-1.0, -1.0, -1.0, 1.0])
+    turned = quaternion_product(after[..., 3:7], before[..., 3:7] * CONJUGATE)
     sines = np.sqrt(np.einsum("...i,...i->...", turned[..., :3], turned[..., :3]))
     # Of the two quaternions of a rotation that of the smaller angle.
     angles = 2.0 * np.arctan2(sines, np.abs(turned[..., 3]))
@@ -118,6 +119,6 @@ def states_at(rollout: Rollout, columns: NDArray[np.int64]) -> NDArray[np.float6
     positions, turns = rollout.positions, np.asarray(rollout.orientations)
     here, there = positions[every, :, columns], positions[every, :, columns + 1]
     before, after = turns[every, :, columns], turns[every, :, columns + 1]
-    turned = quaternion_product(after, before * [-1.0, -1.0, -1.0, 1.0])
+    turned = quaternion_product(after, before * CONJUGATE)
     spins = 2.0 * np.sign(turned[..., 3:]) * turned[..., :3] / VELOCITY_STEP
     return np.concatenate([here, before, (there - here) / VELOCITY_STEP, spins], axis=-1)

@@ -283,7 +283,8 @@ def inscribed_spheres(
 def depths_of(inside: Any, rows: Any, columns: Any) -> Any:
     """Return how far some pixels are from the nearest one that is not inside, (n,) pixels.
 
-    A third to a tenth of the time of SciPy's `distance_transform_edt`, which looks at all others.
+    It takes a third to a tenth of the time of SciPy's `distance_transform_edt`, which finds the
+    depth of every pixel.
 
     `inside` (height, width), nothing of which is in the first and last row and column; `rows` and
     `columns` (n,) of the pixels.

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.learned_parameters import LearnedParameters
@@ -29,8 +30,12 @@ from intuitive_physics.prior_knowledge import GivenKnowledge
 from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics.trajectory import MEAN_DISTANCE
 from intuitive_physics_learner.assessment import assess_observations, reassessed
-from intuitive_physics_learner.assessment.undisturbed_motion import undisturbed_misfits
-from intuitive_physics_learner.cost.cost_function import MakeCost, TrajectoryCost
+from intuitive_physics_learner.assessment.undisturbed_motion import (
+    undisturbed_misfits,
+    worst_of_motions,
+)
+from intuitive_physics_learner.cost.cost_function import Cost, MakeCost, TrajectoryCost
+from intuitive_physics_learner.cost.independent_motions import independent_motions
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
 from intuitive_physics_learner.cost.point_noise import detected
 from intuitive_physics_learner.errors import NoObservationsError
@@ -52,7 +57,7 @@ from intuitive_physics_learner.search.convergence import (
     SearchResult,
 )
 from intuitive_physics_learner.search.gaussian import Gaussian
-from intuitive_physics_learner.search.learning_task import LearningTask
+from intuitive_physics_learner.search.learning_task import LearningTask, Motions
 from intuitive_physics_learner.search.parameter_search import Search
 from intuitive_physics_learner.store.observation_entries import Assessment
 
@@ -60,7 +65,7 @@ JUDGED_SHARE = 0.3
 """Part of a limit of time that is left for the fit that says what is known of a θ_s found by
 lowering J; set by hand."""
 
-FOLLOWED_SHARE = 0.2
+FOLLOWED_SHARE = 0.15
 """Part of a limit of time that is left for following undisturbed motions, by which disturbed
 observations are found; set by hand."""
 
@@ -215,6 +220,8 @@ def learn(
     if fitted is not None:
         generator = np.random.default_rng([options.seed, 1])
         misfits = undisturbed_misfits(fitted.fit, simulator, generator, seconds_left)
+        if task.motions is not None:
+            misfits = worst_of_motions(*misfits, task.motions.origins)
         assessments = reassessed(assessments, *misfits, trusted=options.trusted_ids)
     return LearningResult(learned, outcome, assessments)
 
@@ -279,11 +286,11 @@ def _begin(
     previous = previous.extended(tuple(dict.fromkeys((*previous.materials, *observed))))
     # In the order of all known materials, so that a pair has the same name in both.
     materials = tuple(name for name in previous.materials if name in observed)
-    cost = make_cost(observations, simulator, materials, options.distance)
-    detected_cost = None
-    if any(thing.detections is not None for each in observations for thing in each.objects):
-        points = [detected(observation) for observation in observations]
-        detected_cost = make_cost(points, simulator, materials, options.distance)
+
+    def cost_of(some: Sequence[Observation]) -> Cost:
+        return make_cost(some, simulator, materials, options.distance)
+
+    cost = cost_of(observations)
     start = previous.parameters.extended(materials)
     influence = parameter_influence(observations, materials)
     if not influence.any():
@@ -305,12 +312,29 @@ def _begin(
         space,
         influence,
         start,
-        detected_cost=detected_cost,
+        motions=_motions(observations, cost_of, materials, np.asarray(influence.any(axis=0))),
         simulator=simulator,
         start_was_learned=previous.version > 0,
     )
     prior = None if given is None else _given_prior(task, given)
     return previous, replace(task, knowledge=prior)
+
+
+def _motions(
+    observations: Sequence[Observation],
+    cost_of: Callable[[Sequence[Observation]], Cost],
+    materials: Sequence[str],
+    active: NDArray[np.bool_],
+) -> Motions | None:
+    """Return the independent motions in observations; None where they are the same.
+
+    `active` (|θ_s|,) bool, which parameters are searched.
+    """
+    parts, origins = independent_motions([detected(observation) for observation in observations])
+    objects = [thing for each in observations for thing in each.objects]
+    if len(parts) == len(observations) and all(thing.detections is None for thing in objects):
+        return None
+    return Motions(cost_of(parts), parameter_influence(parts, materials) & active, origins)
 
 
 def _given_prior(task: LearningTask, given: GivenKnowledge) -> Gaussian | None:

@@ -1,6 +1,7 @@
 """From observations to a version of θ_s."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters, parameter_names
 from intuitive_physics.parameter_space import Bounds
 from intuitive_physics.simulation.stop_flag import StopFlag
+from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import (
     ConvergenceCriteria,
     LearningOptions,
@@ -49,6 +51,35 @@ def test_learning_recovers_the_true_parameters(event_driven, throws, true_parame
     assert learned.method == method
     assert learned.observation_count == 8
     assert learned.version == 1
+
+
+def test_balls_that_never_meet_say_what_they_say_one_by_one(event_driven, throws):
+    # The likelihood of independent motions is the product of theirs.
+    one_by_one = throws(8, 3, noise=0.005, state_noise=0.02)
+    away = np.array([100.0, 0.0, 0.0])
+
+    def elsewhere(observation):
+        (ball,) = observation.objects
+        track, state = ball.trajectory, ball.initial_state
+        return replace(
+            ball,
+            object=replace(ball.object, id="other"),
+            trajectory=Trajectory(track.times, track.positions + away),
+            initial_state=replace(state, position=state.position + away),
+        )
+
+    pairs = [
+        replace(a, objects=(*a.objects, elsewhere(b)), id="")
+        for a, b in zip(one_by_one[::2], one_by_one[1::2], strict=True)
+    ]
+    alone, together = (learn(each, event_driven, options(1500)) for each in (one_by_one, pairs))
+    assert len(together.assessments) == 4
+    for name in ("dynamic_friction", "rolling_friction", "restitution"):
+        k = parameter_names(alone.learned.materials).index(f"{name}[ball, floor]")
+        deviation = alone.learned.standard_deviations[k]
+        values = [each.learned.parameters.pair("ball", "floor")[name] for each in (alone, together)]
+        assert values[0] == pytest.approx(values[1], abs=0.2 * deviation)
+        assert together.learned.standard_deviations[k] == pytest.approx(deviation, rel=0.3)
 
 
 def test_the_distance_that_is_asked_for_is_minimised(glide, glides):

@@ -69,7 +69,9 @@ def test_initial_states_are_the_ridge_regression_of_each_level(gliding_task):
     linear = linearise(task.cost, block, fits.estimate, fits.deviations, steps, until)
     candidates, index = candidates_of(task)
     index = index[block.parameters].reshape(2, -1).T
-    estimates, losses = scanned_states(task.cost, block, fits, linear, candidates, index)
+    estimates, losses = scanned_states(
+        task.cost, block, fits, linear, candidates, index, fits.horizons
+    )
     estimates = estimates.reshape(4, LEVELS.size, 2, 3)
     losses = losses.reshape(4, LEVELS.size, 2)
     prior = PRIOR_WIDENING * deviation
@@ -102,7 +104,9 @@ def test_a_step_of_initial_states_that_explains_less_is_not_taken(event_driven, 
         levels = np.broadcast_to(LEVELS, (estimate.unit.size, LEVELS.size))
         candidates, index = scan_candidates(estimate.unit, model.groups, model.space, levels)
         index = index[block.parameters].reshape(len(block.members), -1).T
-        estimates, losses = scanned_states(cost, block, part, linear, candidates, index, True)
+        estimates, losses = scanned_states(
+            cost, block, part, linear, candidates, index, part.horizons, True
+        )
         present = np.broadcast_to(part.estimate, estimates.shape)
         residuals = residuals_at(cost, block, present, candidates, index, part.horizons)
         assert (losses <= part.losses(block, present, residuals)).all()

@@ -16,17 +16,19 @@ from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_search import staged_fit
 from intuitive_physics_learner.joint_search.staged_fit import StagedFit, separable
+from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask
 from intuitive_physics_learner.search.search_space import ActiveSpace
 
 from .cases import task_of
 
-STEPS = 4
+STEPS, TOGETHER = 4, 3
 
 
 @pytest.fixture(autouse=True)
 def few_steps(monkeypatch):
     monkeypatch.setattr(staged_fit, "SEPARATE_STEPS", STEPS)
+    monkeypatch.setattr(staged_fit, "TOGETHER_STEPS", TOGETHER)
 
 
 @dataclass(frozen=True)
@@ -127,30 +129,57 @@ def test_an_object_is_fitted_as_if_there_were_no_other(task):
             assert fits[member].horizon == observation_fit.horizon
 
 
+def several(task):
+    """Indices of the observations of several objects."""
+    observations = task.cost.observations
+    return [i for i, observation in enumerate(observations) if len(observation.objects) == 2]
+
+
 def test_collisions_come_in_once_the_separate_fits_have_ended(task):
     staged = fit_of(task)
-    both = [
-        i for i, observation in enumerate(task.cost.observations) if len(observation.objects) == 2
-    ]
-    first = [staged.joint.observation_fits()[i].estimate for i in both]
+    first = [staged.joint.observation_fits()[i].estimate.copy() for i in several(task)]
     for _ in range(STEPS):
         staged.step()
-    for before, i in zip(first, both, strict=True):
+    for before, i in zip(first, several(task), strict=True):
         np.testing.assert_array_equal(before, staged.joint.observation_fits()[i].estimate)
+    for _ in range(TOGETHER):
+        staged.step()
+        assert staged.joint.steps == 0
+    for before, i in zip(first, several(task), strict=True):
+        assert (before != staged.joint.observation_fits()[i].estimate).any()
     staged.step()
     assert staged.joint.steps == 1
-    assert staged.steps == STEPS + 1
+    assert staged.steps == STEPS + TOGETHER + 1
 
 
-@pytest.mark.parametrize("stopped", [2, 5])
+def test_collisions_are_fitted_with_what_the_separate_fits_say(task):
+    """As if these were a prior: of independent observations likelihoods multiply."""
+    staged = fit_of(task)
+    for _ in range(STEPS):
+        staged.step()
+    prior = task.fit_task.prior
+    for part in staged._separate:
+        said = Gaussian.nothing(part.fit.unit.size).plus(part.fit.likelihoods(), part.fit.weights)
+        prior = prior.joined(said.among(part.parameters, prior.mean.size))
+    members = np.array(several(task))
+    asked = replace(task.fit_task, prior=prior).of(members)
+    fit = JointFit(asked, JointEstimationSettings(scan_steps=()))
+    fit.begin_at(staged.joint.unit, prior.deviations, [None] * members.size)
+    for _ in range(TOGETHER):
+        staged.step()
+        fit.step()
+    np.testing.assert_allclose(staged.joint.unit, fit.unit, atol=1e-6)
+
+
+@pytest.mark.parametrize("stopped", [2, 5, 8])
 def test_a_stopped_fit_continues_exactly(task, stopped):
     whole, first, second = (fit_of(task) for _ in range(3))
     for _ in range(stopped):
         first.step()
     second.load_state(first.state())
-    for _ in range(7):
+    for _ in range(9):
         whole.step()
-    for _ in range(7 - stopped):
+    for _ in range(9 - stopped):
         second.step()
     np.testing.assert_array_equal(whole.joint.unit, second.joint.unit)
     assert whole.steps == second.steps

@@ -92,6 +92,20 @@ def undisturbed_misfits(
     return misfits, times
 
 
+def worst_of_motions(
+    misfits: NDArray[np.float64], times: NDArray[np.float64], origins: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the misfit and its time (n_observations,) of each observation's worst motion.
+
+    `misfits` (n_motions,) and `times` (n_motions,) as `undisturbed_misfits`; `origins` (n_motions,)
+    index of the observation that each is a part of; each has one at least.
+    """
+    order = np.lexsort([np.nan_to_num(misfits), origins])
+    last = np.append(np.diff(origins[order]) > 0, True)
+    worst = order[last]
+    return misfits[worst], times[worst]
+
+
 class _Motions:
     """K motions of each of A observations of a group, under the estimate of θ_s.
 

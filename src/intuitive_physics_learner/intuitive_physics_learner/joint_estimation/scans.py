@@ -38,6 +38,9 @@ bounds themselves."""
 SMALLEST_SCAN_GAIN = 3.0
 """Loss that a scanned value must gain to be taken: a likelihood ratio of e³ ≈ 20, hardly chance."""
 
+NOISE_LOSS = 1.5
+"""Mean loss of a point of noise, half of χ² of three axes."""
+
 TRIED_SPINS = 64
 """Spins simulated in each round."""
 
@@ -76,15 +79,17 @@ def scanned_states(
     linear: Linearisation,
     candidates: Sequence[StaticParameters],
     index: NDArray[np.int64],
+    until: NDArray[np.float64],
     present_too: bool = False,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Fit the initial states of a block to each of some θ_s, by a Gauss-Newton step each.
 
-    `index` (c, W) of the candidate that is tried for each observation; `present_too`: whether the
-    present states stay where that step explains less. Returns `estimates` (c, W, d) deviations from
-    the observed initial states, in SI units; `losses` (c, W).
+    `index` (c, W) of the candidate that is tried for each observation; `until` (W,) s, the fit
+    horizon, or 0 of one that does not count; `present_too`: whether the present states stay where
+    that step explains less. Returns `estimates` (c, W, d) deviations from the observed initial
+    states, in SI units; `losses` (c, W).
     """
-    estimate, until = fits.estimate, fits.horizons
+    estimate = fits.estimate
     tried = np.broadcast_to(estimate, (len(index), *estimate.shape))
     residuals = residuals_at(cost, block, tried, candidates, index, until)
     of_states = replace(linear, slopes=linear.slopes[:, : estimate.shape[1]])
@@ -125,17 +130,21 @@ def scanned(
     parts, fitted = list(model.parts(estimate)), []
     asked = np.ones(estimate.unit.size, dtype=bool) if asked is None else asked
     tried = [tried_parameters(block.parameters, asked) for block, _ in parts]
+    until = [
+        np.where(counts.any(axis=1), part.horizons, 0.0)
+        for (_, part), (_, counts) in zip(parts, tried, strict=True)
+    ]
 
     def scanned_block(k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         of_parameters = index[tried[k][0]].reshape(len(tried[k][0]), -1).T
         return scanned_states(
-            model.cost, *parts[k], linear[k], candidates, of_parameters, present_too
+            model.cost, *parts[k], linear[k], candidates, of_parameters, until[k], present_too
         )
 
-    for (block, part), slopes, (parameters, counts), (states, losses) in zip(
-        parts, linear, tried, model.of_blocks(scanned_block), strict=True
+    for (block, part), slopes, (parameters, counts), (states, losses), reached in zip(
+        parts, linear, tried, model.of_blocks(scanned_block), until, strict=True
     ):
-        model.count(block, part.horizons, 2 * len(states))
+        model.count(block, reached, 2 * len(states))
         present = part.estimate[None], slopes.residuals[None]
         here = part.losses(block, *present)
         there = weights[block.members] * (losses - here)
@@ -187,12 +196,17 @@ def other_spins(
     By observation, where there are any, deviations (d,) from its observed initial states, and the
     time in s where the next misfit of the given fit would show, up to which they explain more.
     """
-    parameters = model.space.to_parameters(estimate.unit)
-    others = {}
-    for block, fits in zip(model.blocks, estimate.fits, strict=True):
-        unknown = [model.unknown_spins[int(member)] for member in block.members]
+    parameters, counted = model.space.to_parameters(estimate.unit), model.task.counted
+
+    def searched(index: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        block, fits = model.blocks[index], estimate.fits[index]
+        unknown = [model.unknown_spins[k] if counted[k] else [] for k in block.members.tolist()]
         reach = fits.horizons + RETREAT + model.largest_advance
-        estimates, ends, gained = _searched(model.cost, block, fits, unknown, parameters, reach)
+        return _searched(model.cost, block, fits, unknown, parameters, reach)
+
+    others = {}
+    for block, found in zip(model.blocks, model.of_blocks(searched), strict=True):
+        estimates, ends, gained = found
         for row in np.flatnonzero(gained).tolist():
             others[int(block.members[row])] = estimates[row], float(ends[row])
     return others
@@ -208,9 +222,11 @@ def _searched(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     """Return estimates (W, d) with the best spins, ends (W,) s, and whether (W,) they gain."""
     ends_early = (fits.horizons < block.durations) & np.array([bool(each) for each in unknown])
+    ends = np.where(ends_early, np.minimum(reach, block.durations), 0.0)
+    ends_early &= _is_misfit(cost, block, fits, parameters, ends)
     if not ends_early.any():
         return fits.estimate, fits.horizons, ends_early
-    ends = np.where(ends_early, np.minimum(reach, block.durations), 0.0)
+    ends = np.where(ends_early, ends, 0.0)
     near, far = block.shortened(ends), replace(fits, horizons=ends)
 
     def losses(estimates: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -233,6 +249,26 @@ def _searched(
         best = np.where(better[:, None], tried[pick, every], best)
         least = np.minimum(trial_losses[pick, every], least)
     return best, ends, ends_early & (least < before - SMALLEST_SCAN_GAIN)
+
+
+def _is_misfit(
+    cost: Cost,
+    block: ObservationBlock,
+    fits: TrajectoryFits,
+    parameters: StaticParameters,
+    ends: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """Whether (W,) the estimate leaves more than noise of what is between horizons and `ends` (W,).
+
+    No spin could gain more than what is left unexplained there.
+    """
+    near, present = block.shortened(ends), fits.estimate[None]
+    index = np.zeros((1, 1), dtype=np.int64)
+    residuals = residuals_at(cost, near, present, [parameters], index, ends)
+    until = replace(fits, horizons=ends)
+    left = (until.losses(near, present, residuals) - fits.losses(near, present, residuals))[0]
+    after, within = near.times > fits.horizons[:, None], near.times <= ends[:, None]
+    return left > NOISE_LOSS * (after & within).sum(axis=1) + SMALLEST_SCAN_GAIN
 
 
 @cache

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -47,8 +46,12 @@ HALF_SHARE = 0.75
 time take longer each."""
 
 SEGMENT_SHARE = 0.5
-"""Share of the time left that the fit of one object in segments may take, where others are to be
-fitted with it; set by hand. By itself it may take all of it."""
+"""Share of the time left that the fit of one object in segments may take to its end, where others
+are to be fitted with it; set by hand."""
+
+LONE_SEGMENT_SHARE = 2.0
+"""The same of the fit of an object that is by itself: it is of use from about half of its steps on.
+"""
 
 SEARCH_SHARE = 0.5
 """Share of a time limit in which fits from several starts should end. The rest is left for choosing
@@ -86,7 +89,7 @@ class JointSearch(Search):
         self._simulator, self._generator = task.simulator, generator
         self._time_limit, self._began = np.inf, time.monotonic()
         self._evaluations = 0
-        self._descent = CostDescent(replace(fit_task, cost=task.cost))
+        self._descent = CostDescent(task.cost_task)
         self._misfits: list[float] = []
         self._lowest = self.fit.unit
         self._lowest_cost = np.inf
@@ -197,7 +200,7 @@ class JointSearch(Search):
             return None
         spent = time.monotonic() - self._began
         seconds = segment_simulations(fit) * spent / max(self._staged.simulations, 1.0)
-        share = 1.0 if fit is self.fit else SEGMENT_SHARE
+        share = LONE_SEGMENT_SHARE if fit is self.fit else SEGMENT_SHARE
         if seconds > share * (self._time_limit - spent):
             return None
         return SegmentedFit(fit, self._simulator, self._generator.spawn(1)[0])

@@ -53,6 +53,10 @@ LARGEST_TUMBLING_SHARE = 0.4
 to which an object tumbles: of 70 objects (seeds 600 on) after twelve steps at most 0.29 for boxes,
 at least 0.51 for others."""
 
+TOGETHER_STEPS = 20
+"""Steps at most of the fit to observations of several objects, before all are fitted jointly; set
+by hand."""
+
 FEWEST_IN_SEGMENTS = 4
 """Throws of an object from which on they are fitted in segments."""
 
@@ -95,7 +99,14 @@ class StagedFit(Resumable):
     segment_steps : how many of them in segments
     """
 
-    remembered = ("steps", "segment_steps", "_segments_ended", "_simulations_before", "_known")
+    remembered = (
+        "steps",
+        "segment_steps",
+        "_segments_ended",
+        "_together_ended",
+        "_simulations_before",
+        "_known",
+    )
 
     def __init__(
         self,
@@ -121,6 +132,8 @@ class StagedFit(Resumable):
         self._lone_group = not groups and _all_alone(task.cost.observations)
         self._segments: list[_SegmentsOf] = []
         self._segments_ended = in_segments is None or not (groups or self._lone_group)
+        self._together: _FitOf | None = None
+        self._together_ended = not 0 < sum(map(len, groups)) < len(task.cost.observations)
         self._simulations_before = 0.0
         self._known: list[dict[str, Any]] = []
 
@@ -134,8 +147,7 @@ class StagedFit(Resumable):
         """Simulations of single observations so far."""
         in_segments = sum(part.fit.throws.simulations for part in self._segments)
         earlier = self._simulations_before + in_segments
-        separate = sum(part.fit.model.simulations for part in self._separate)
-        return earlier + self.jointly.simulations + separate
+        return earlier + self.jointly.simulations + self._simulations_of_parts(self._parts)
 
     @property
     def repeated_simulations(self) -> float:
@@ -146,15 +158,15 @@ class StagedFit(Resumable):
         counted = self.task.counted
         for part in self._segments:
             counted[part.members] = False
-        separate = sum(
-            part.fit.model.simulations for part in self._separate if counted[part.members].any()
-        )
-        return separate + self.joint.model.simulations * float(counted.mean())
+        repeated = [part for part in self._parts if counted[part.members].any()]
+        joint = self.joint.model.simulations * float(counted.mean())
+        return self._simulations_of_parts(repeated) + joint
 
     @property
     def settled(self) -> bool:
         """Whether all stages have converged: more steps would change nothing."""
-        return not self._unfinished() and self._segments_ended and self.jointly.settled
+        ended = not self._unfinished() and self._segments_ended and self._together_ended
+        return ended and self.jointly.settled
 
     def step(self) -> None:
         """Take a step of each fit of the present stage."""
@@ -162,12 +174,16 @@ class StagedFit(Resumable):
         unfinished = self._unfinished()
         if unfinished:
             self._step_all([part.fit for part in unfinished])
-            self._take_over()
+            self._take_over(self._separate)
         elif self._fitting_segments():
             self.segment_steps += 1
             self._step_all([part.fit for part in self._segments if not part.fit.finished])
             if all(part.fit.finished for part in self._segments):
                 self._end_segments()
+        elif (together := self._fit_together()) is not None:
+            together.fit.step()
+            self._take_over([together])
+            self._together_ended = together.fit.settled or together.fit.steps >= TOGETHER_STEPS
         else:
             self.jointly.step()
 
@@ -183,20 +199,29 @@ class StagedFit(Resumable):
             **super().state(),
             "joint": self.jointly.state(),
             "separate": [part.fit.state() for part in self._separate],
+            "together": self._together and self._together.fit.state(),
         }
 
     def load_state(self, state: Mapping[str, Any]) -> None:
         """Continue from a state; fits in segments repeat the steps that they had taken."""
         super().load_state(state)
-        for part, part_state in zip(self._separate, state["separate"], strict=True):
-            part.fit.load_state(part_state)
+        self._load_separate(state["separate"])
         if self._known:
             self._begin_with_knowledge()
         self.jointly.load_state(state["joint"])
+        if state["together"] is not None:
+            self._together = self._begun_together()
+            self._together.fit.load_state(state["together"])
+            # What the separate fits say has been simulated once more.
+            self._load_separate(state["separate"])
         if self.segment_steps and not self._segments_ended:
             for _ in range(self.segment_steps):
                 self._fitting_segments()
                 self._step_all([part.fit for part in self._segments if not part.fit.finished])
+
+    def _load_separate(self, states: Sequence[Mapping[str, Any]]) -> None:
+        for part, part_state in zip(self._separate, states, strict=True):
+            part.fit.load_state(part_state)
 
     def _unfinished(self) -> list[_FitOf]:
         return [part for part in self._separate if not self._has_ended(part.fit)]
@@ -210,19 +235,57 @@ class StagedFit(Resumable):
     def _step_all(self, fits: Sequence[JointFit] | Sequence[SegmentedFit]) -> None:
         mapped_in_shares(methodcaller("step"), fits, self.joint.model.cost.threads)
 
-    def _take_over(self) -> None:
-        """Let the joint fit begin at what the separate ones have found."""
+    @property
+    def _parts(self) -> list[_FitOf]:
+        """The fits of parts of the observations from single states."""
+        return [*self._separate, *filter(None, [self._together])]
+
+    @staticmethod
+    def _simulations_of_parts(parts: Sequence[_FitOf]) -> float:
+        return sum(part.fit.model.simulations for part in parts)
+
+    def _take_over(self, parts: Sequence[_FitOf]) -> None:
+        """Let the joint fit begin at what fits of parts have found."""
         joint, fits = self.joint, self.joint.observation_fits()
         unit, deviations = joint.unit.copy(), joint.deviations.copy()
-        for part in self._separate:
+        for part in parts:
             unit[part.parameters] = part.fit.unit
             deviations[part.parameters] = part.fit.deviations
             joint.responsive[part.parameters] |= part.fit.responsive
             for member, fit in zip(part.members, part.fit.observation_fits(), strict=True):
                 fits[member] = fit
         joint.begin_at(unit, deviations, fits)
-        counts = [part.members.size for part in self._separate]
-        joint.misfits = float(np.average([p.fit.misfits for p in self._separate], weights=counts))
+        counts = [part.members.size for part in self._parts]
+        joint.misfits = float(np.average([p.fit.misfits for p in self._parts], weights=counts))
+
+    def _fit_together(self) -> _FitOf | None:
+        """Return the fit to observations of several objects as long as it is time for it."""
+        if self._together is None and not self._together_ended:
+            self._together = self._begun_together()
+        return None if self._together_ended else self._together
+
+    def _begun_together(self) -> _FitOf:
+        """Return the fit to what is not fitted separately, with what the separate fits say."""
+        others = np.ones(len(self.task.influence), dtype=bool)
+        prior, size = self.task.prior, self.joint.unit.size
+        for part in self._separate:
+            others[part.members] = False
+            if self.task.counted[part.members].any():
+                said = Gaussian.nothing(part.fit.unit.size).plus(
+                    part.fit.likelihoods(), part.fit.weights
+                )
+                prior = prior.joined(said.among(part.parameters, size))
+        members = np.flatnonzero(others)
+        parameters = np.flatnonzero(self.task.influence[members].any(axis=0))
+        task = replace(self.task, prior=prior).part(members, parameters)
+        fit = JointFit(task, self._ahead)
+        before = self.joint.observation_fits()
+        fit.begin_at(
+            self.joint.unit[parameters],
+            np.minimum(self.joint.deviations[parameters], task.prior.deviations),
+            [before[member] for member in members],
+        )
+        return _FitOf(members, parameters, fit)
 
     def _fitting_segments(self) -> bool:
         """Whether it is time for fits in segments, which then begin."""

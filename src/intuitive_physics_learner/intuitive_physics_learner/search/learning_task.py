@@ -74,6 +74,22 @@ class FitTask:
 
 
 @dataclass(frozen=True, eq=False)
+class Motions:
+    """Independent motions in observations, as they were detected, before any smoothing.
+
+    Parameters
+    ----------
+    cost : simulates them
+    influence : (n_motions, |θ_s|) bool, as `parameter_influence`
+    origins : (n_motions,) index of the observation that each is a part of
+    """
+
+    cost: Cost
+    influence: NDArray[np.bool_]
+    origins: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
 class LearningTask:
     """One θ_s to learn.
 
@@ -84,8 +100,7 @@ class LearningTask:
     influence : (n_observations, |θ_s|) bool, as `parameter_influence`
     start : θ_s to begin from
     knowledge : of the active parameters, before these observations; None: only their bounds
-    detected_cost : over the same observations as they were detected, before any smoothing, for fits
-        of points with their noise; None: they are those of `cost`
+    motions : in the same observations, for fits; None: they are those of `cost`
     simulator : of fits in segments; None: nothing is fitted in segments
     start_was_learned : whether the start was learned before, so that it must not be replaced by
         what is worse
@@ -96,7 +111,7 @@ class LearningTask:
     influence: NDArray[np.bool_]
     start: StaticParameters
     knowledge: Gaussian | None = None
-    detected_cost: Cost | None = None
+    motions: Motions | None = None
     simulator: Simulator | None = None
     start_was_learned: bool = False
 
@@ -122,10 +137,13 @@ class LearningTask:
 
     @property
     def fit_task(self) -> FitTask:
-        """The fit over the active parameters to the points detected, where these are known."""
-        return FitTask(
-            self.detected_cost or self.cost,
-            self.searched,
-            self.influence[:, self.active],
-            self.prior,
-        )
+        """The fit over the active parameters, to the points detected where these are known."""
+        motions = self.motions
+        if motions is None:
+            return self.cost_task
+        return FitTask(motions.cost, self.searched, motions.influence[:, self.active], self.prior)
+
+    @property
+    def cost_task(self) -> FitTask:
+        """The same parameters with J itself."""
+        return FitTask(self.cost, self.searched, self.influence[:, self.active], self.prior)

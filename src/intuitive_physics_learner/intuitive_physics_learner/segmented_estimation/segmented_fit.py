@@ -43,7 +43,7 @@ from intuitive_physics_learner.segmented_estimation.segmented_throws import (
     SegmentedThrows,
 )
 
-FIRST_LEVEL, LAST_LEVEL = 4.0, 0.2
+FIRST_LEVEL, LAST_LEVEL = 4.0, 0.05
 """Spread of links at first and at last, in `chaotic_states.SPREADS`. At 4 a filter follows boxes to
 their end at the θ_s at which a fit of initial states has stopped, at 1 to a third of it."""
 
@@ -67,18 +67,18 @@ LARGEST_STATE_STEP = 10.0
 AVERAGED = 4
 """Steps that the result is the mean over; set by hand."""
 
-EARLIER = 4
+EARLIER = 7
 """Steps before the last ones with which these are compared: the spread of links was three times as
 large then."""
 
-MOST_STEPS = 40
+MOST_STEPS = 60
 """Steps at most; set by hand."""
 
 USABLE_LEVEL = 1.0
 """Spread of links from which on the result is better than that of a fit of single states, where the
 time ends before the last one; set by hand."""
 
-SIMULATIONS = 450
+SIMULATIONS = 570
 """Simulations of whole throws that take as long as a fit in segments of one of them."""
 
 

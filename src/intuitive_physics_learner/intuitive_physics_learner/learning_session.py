@@ -65,7 +65,7 @@ JUDGED_SHARE = 0.3
 """Part of a limit of time that is left for the fit that says what is known of a θ_s found by
 lowering J; set by hand."""
 
-FOLLOWED_SHARE = 0.15
+FOLLOWED_SHARE = 0.2
 """Part of a limit of time that is left for following undisturbed motions, by which disturbed
 observations are found; set by hand."""
 

@@ -20,6 +20,7 @@ from benchmarks.perception.end_to_end import measure_end_to_end
 from benchmarks.perception.livox import measure_livox
 from benchmarks.perception.looks import measure_looks
 from benchmarks.perception.real import measure_real
+from benchmarks.perception.recorded import measure_recorded
 from benchmarks.perception.release import measure_release
 from benchmarks.perception.rendered import measure_rendered
 from benchmarks.perception.two_cameras import measure_two_cameras
@@ -41,6 +42,7 @@ PARTS: dict[str, Callable[[argparse.Namespace], Outcome]] = {
     "two_cameras": lambda options: measure_two_cameras(options.quick),
     "livox": lambda options: measure_livox(options.quick),
     "looks": lambda options: measure_looks(options.quick),
+    "recorded": lambda options: measure_recorded(options.recording, options.quick),
 }
 
 
@@ -63,6 +65,14 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         default=REAL_DATA,
         metavar="FOLDER",
         help="LiDAR scans with one ball each (lidar_ball_*.npz: xyz in m); default %(default)s",
+    )
+    parser.add_argument(
+        "--recording",
+        type=Path,
+        default=REAL_DATA / "recording",
+        metavar="FOLDER",
+        help="frames of a depth camera that moves, with its poses, as 7-Scenes has them "
+        "(frame-*.depth.png in mm, frame-*.pose.txt, camera-intrinsics.txt); default %(default)s",
     )
 
 

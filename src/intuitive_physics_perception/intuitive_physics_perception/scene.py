@@ -25,7 +25,7 @@ from intuitive_physics_perception.environment.environment_model import (
 )
 from intuitive_physics_perception.environment.fusion import fused_frame
 from intuitive_physics_perception.environment.gravity import MIN_TURN, FlightGravity
-from intuitive_physics_perception.environment.known_space import KnownSpace, View
+from intuitive_physics_perception.environment.known_space import NEW, KnownSpace, View
 from intuitive_physics_perception.environment.range_cloud import spacing_of
 from intuitive_physics_perception.environment.settled_view import SettledView
 from intuitive_physics_perception.environment.standing import EnvironmentCheck, is_same_view
@@ -159,14 +159,17 @@ class ModelledScene:
     def look_about(
         self, points: NDArray[np.float32], clusters: Clusters, followed: FollowedObjects
     ) -> None:
-        """Remember what a frame shows where nobody has looked before.
+        """Remember what a frame shows where nobody has looked before, without what has come where
+        nothing was: that does not stand there, and stays new where it goes.
 
         `points` (height, width, 3) m.
         """
         is_unknown = clusters.unknown > LOOKED_AT * clusters.readings
         if self._looking is None and self.stages.foreground.asks_map and is_unknown:
-            job = [followed.removed_from(points, self.model)], self.model.sensor_pose
-            self._looking = begun(self._background, self._space.view, *job)
+            standing = followed.removed_from(points, self.model)
+            standing[clusters.marks == NEW] = np.nan
+            pose = self.model.sensor_pose
+            self._looking = begun(self._background, self._space.view, [standing], pose)
         if self._looking is not None and self._looking.done():
             self._space.fill(self._looking.result())
             self._looking = None

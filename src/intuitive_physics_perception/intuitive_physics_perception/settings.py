@@ -71,7 +71,7 @@ class PerceptionSettings:
         1.0,
         100.0,
         "neighbouring readings that share one error, as a matching window makes; with "
-        "estimate_noise it is measured on the first frames of an organised cloud",
+        "estimate_noise it is measured on the first frames",
     )
 
     environment_frames: int = number(8, 1, 300, "frames fused to model the environment")

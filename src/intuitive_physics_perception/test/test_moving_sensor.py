@@ -9,13 +9,17 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
+from intuitive_physics_perception.environment.environment_model import model_environment
+from intuitive_physics_perception.environment.known_space import NEW
 from intuitive_physics_perception.environment.standing import (
     MOVED_TIME,
     STANDING_TIME,
     is_same_view,
 )
 from intuitive_physics_perception.pipeline import PerceptionPipeline
+from intuitive_physics_perception.scene import ModelledScene
 from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_perception.tracking.followed_objects import FollowedObjects
 
 from .conftest import (
     WORLD_IN_FIXED,
@@ -191,6 +195,47 @@ def test_an_environment_modelled_on_the_way(head, pipeline) -> None:
     to_fixed = pose.after(result.model.sensor_pose.inverse)
     assert to_fixed.directions([0.0, 0.0, 1.0]) == pytest.approx([0.0, 0.0, 1.0], abs=0.01)
     assert to_fixed.points([0.0, 0.0, 0.0])[2] == pytest.approx(0.4, abs=0.015)
+
+
+@pytest.mark.parametrize("way", [0.0, 0.25], ids=["lies", "rolls"])
+def test_a_ball_comes_to_a_table_that_the_head_has_turned_to(head, pipeline, way) -> None:
+    """The table is no plane of the environment, which was modelled before; it goes on round the
+    ball, but was there before it."""
+    table, turned, shown = BoxShape((0.65, -1.13, 0.2), (0.8, 0.8, 0.4), 0.3), 20, 12
+    found = 0
+    for k in range(FIRST + turned + 4 + shown):
+        part = min(max(0.0, (k - FIRST) / turned), 1.0)
+        pose = head.go([0.0, 0.0, 0.1 * part], [0.0, 60.0 * part, 0.0])
+        since = k - (FIRST + turned + 4)
+        ball = np.array([0.6 + way * since * STEP, -1.1, 0.4 + RADIUS])
+        balls = [(ball, RADIUS)] if since >= 0 else []
+        result = pipeline.process(head.look(balls, [table]), k * STEP, None, pose)
+        if not balls:
+            continue
+        to_fixed = pose.after(result.model.sensor_pose.inverse)
+        errors = [to_fixed.points(seen.center) for seen in result.detections]
+        errors = [np.linalg.norm(place - WORLD_IN_FIXED.points(ball)) for place in errors]
+        found += any(error < 0.3 * RADIUS for error in errors)
+    assert found >= shown - 1
+
+
+def test_what_has_come_stays_new_where_the_head_looks_about(head) -> None:
+    """Nobody has found out what it is, and the map takes in what stands beside it."""
+    pose, frame = head.go(np.zeros(3), np.zeros(3)), head.look()
+    model = model_environment([frame], SETTINGS, np.random.default_rng(0))
+    scene = ModelledScene(model, [frame], SETTINGS, np.random.default_rng(0), pose=pose)
+    followed = FollowedObjects(scene.model.environment, SETTINGS, 1)
+    ball, beside = ((1.5, -0.3, 0.5), 0.1), BoxShape((1.2, -1.3, 0.3), (0.4, 0.4, 0.6), 0.3)
+    new, unknown = [], []
+    for angle in (15.0, 30.0, 16.0):
+        scene.look_from(head.go([0.0, -0.01 * angle, 0.0], [0.0, angle, 0.0]))
+        points = head.look([ball], [beside])
+        clusters = scene.stages.clusters(points)
+        scene.look_about(points, clusters, followed)
+        new.append(np.count_nonzero(clusters.marks == NEW))
+        unknown.append(clusters.unknown)
+    assert unknown[0] > 10 * unknown[-1]
+    assert min(new) > 0.9 * max(new) > 500
 
 
 coordinates = st.floats(-2.0, 2.0)

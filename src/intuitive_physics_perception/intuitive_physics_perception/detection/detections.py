@@ -72,6 +72,7 @@ class Outline:
     goes_on : part of the ring round its outline in which its cluster goes on
     level : part of the ring in which any surface goes on
     level_off_planes : the same for what is on no plane of the environment
+    level_come : the same for what is not known to have stood there before
     ends : part of the ring in which what is read lies behind all that could go on
     visible : part of the outline's disc in which its surface is read
     bulge : how that surface deviates from the sphere
@@ -83,6 +84,7 @@ class Outline:
     goes_on: float
     level: float
     level_off_planes: float
+    level_come: float
     ends: float
     visible: float
     bulge: Bulge
@@ -120,15 +122,21 @@ class Outline:
     def stands_apart(self) -> bool:
         """Whether a sphere ends all round its outline and is seen as a whole.
 
-        A bulge of a plane ends nowhere, but a plane was there before what is new. Beside what stood
+        A bulge of a plane ends nowhere, but a plane was there before what is new. So was any other
+        surface that carries it, which goes on round it no more than below a ball. Beside what stood
         there before something must be read behind it; before the sky nothing is. The plane on which
         a ball lies goes on round it where it is seen from above.
         """
-        alone = self.goes_on <= STATIC_GOES_ON and self.level_off_planes <= STATIC_LEVEL
+        if self.goes_on > STATIC_GOES_ON:
+            return False
         if self.is_new:
-            return alone and self.visible >= NEW_VISIBLE
+            return (
+                self.level_come <= STATIC_LEVEL
+                and self.level_off_planes <= CARRIED_LEVEL
+                and self.visible >= NEW_VISIBLE
+            )
         return (
-            alone
+            self.level_off_planes <= STATIC_LEVEL
             and self.level <= (CARRIED_LEVEL if self.is_carried else STATIC_LEVEL)
             and not (self.was_there and self.ends < STATIC_ENDS)
             and self.visible >= STATIC_VISIBLE

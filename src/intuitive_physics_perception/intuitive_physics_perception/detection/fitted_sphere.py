@@ -465,6 +465,7 @@ class SphereFitter:
             goes_on=goes_on,
             level=seen.level,
             level_off_planes=seen.level_off_planes,
+            level_come=seen.level_come,
             ends=seen.ends,
             visible=visible,
             bulge=bulge,

@@ -88,6 +88,7 @@ class OutlineView(NamedTuple):
     level : part of the ring's sectors in which any surface goes on past the outline, as a plate
         does round a bulge
     level_off_planes : the same for what is on no plane of the environment
+    level_come : the same for what is not known to have stood there before
     ends : part of the ring's sectors in which what is read lies behind all that could go on
     new, known : parts of the readings on the surface that lie where nothing was before, and where
         something was
@@ -98,6 +99,7 @@ class OutlineView(NamedTuple):
     going_on: Any
     level: float
     level_off_planes: float
+    level_come: float
     ends: float
     new: float
     known: float
@@ -211,6 +213,7 @@ def look_round_outline(
     same = np.zeros(SECTORS, dtype=np.int64)
     near = np.zeros(SECTORS, dtype=np.int64)
     off_planes = np.zeros(SECTORS, dtype=np.int64)
+    come = np.zeros(SECTORS, dtype=np.int64)
     total = np.zeros(SECTORS, dtype=np.int64)
     patches = np.zeros((PATCH_RINGS * SECTORS, 3))
     new, known, on_surface = 0, 0, 0
@@ -242,11 +245,13 @@ def look_round_outline(
             total[sector] += 1
             near[sector] += is_near
             off_planes[sector] += marks[i] != 0 and is_near
+            come[sector] += marks[i] > KNOWN and is_near
             same[sector] += own[i] != 0 and is_near
-    level, level_off_planes, ends = 0, 0, 0
+    level, level_off_planes, level_come, ends = 0, 0, 0, 0
     for k in range(SECTORS):
         level += 2 * near[k] > total[k]
         level_off_planes += 2 * off_planes[k] > total[k]
+        level_come += 2 * come[k] > total[k]
         ends += 2 * near[k] <= total[k] and total[k] > 0
     for k in range(patches.shape[0]):
         patches[k, 1:] /= max(patches[k, 0], 1.0)
@@ -254,6 +259,7 @@ def look_round_outline(
         same / np.maximum(total, 1),
         level / SECTORS,
         level_off_planes / SECTORS,
+        level_come / SECTORS,
         ends / SECTORS,
         new / max(on_surface, 1),
         known / max(on_surface, 1),

@@ -27,6 +27,7 @@ from intuitive_physics_perception.environment.range_cloud import (
     RangeCloud,
     angle_between_lines,
     angle_between_readings,
+    spacing_of,
 )
 from intuitive_physics_perception.environment.ray_planes import PlaneAgreement, RayPlanes
 from intuitive_physics_perception.settings import PerceptionSettings
@@ -360,7 +361,8 @@ def _measured_noise(
     rng: np.random.Generator,
 ) -> RangeNoise:
     """Measure the range noise of the last frame on the points nearest to each plane, and how errors
-    of neighbours go together in the last two."""
+    of neighbours go together in the last two; of a camera that moves, which shows the same scene in
+    one frame only, on the planes."""
     if not settings.estimate_noise or not planes:
         return assumed
     points, errors = _errors_on_planes(fuse(frames[-1:], settings, rng), planes, assumed, settings)
@@ -368,7 +370,9 @@ def _measured_noise(
     if frames[-1].shape[0] == 1:
         return _scan_noise(measured, frames[-1], planes, settings, rng)
     if len(frames) < 2:
-        return measured
+        readings = fuse(frames, settings, rng, frames[0][..., 0].size)
+        points, errors = _scaled_errors(readings, planes, measured, settings)
+        return measured.with_correlation_on_surfaces(points, errors, spacing_of(frames[0], rng))
     before, after = (np.linalg.norm(frame.astype(np.float64), axis=2) for frame in frames[-2:])
     return measured.with_correlation(before, after)
 
@@ -385,8 +389,7 @@ def _scan_noise(
     spacing = angle_between_readings(RangeCloud.of_scene(readings, measured, settings), rng)
     if spacing <= 0.0:
         return measured
-    points, errors = _errors_on_planes(readings, planes, measured, settings)
-    errors = errors / measured.deviation(np.linalg.norm(points, axis=1))
+    points, errors = _scaled_errors(readings, planes, measured, settings)
     measured = replace(
         measured,
         # A beam is about as wide as readings are apart, and its reading comes from anywhere in it.
@@ -394,6 +397,18 @@ def _scan_noise(
         between_lines=angle_between_lines(readings),
     )
     return measured.with_correlation_on_surfaces(points, errors, spacing)
+
+
+def _scaled_errors(
+    points: NDArray[np.float64],
+    planes: Sequence[DetectedPlane],
+    noise: RangeNoise,
+    settings: PerceptionSettings,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points, of (n, 3), that lie on a plane, and their errors along their rays, in standard
+    deviations."""
+    on_planes, errors = _errors_on_planes(points, planes, noise, settings)
+    return on_planes, errors / noise.deviation(np.linalg.norm(on_planes, axis=1))
 
 
 def _errors_on_planes(

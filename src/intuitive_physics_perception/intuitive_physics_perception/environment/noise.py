@@ -133,9 +133,10 @@ class RangeNoise:
     ) -> RangeNoise:
         """Return the noise with the correlation that readings of one frame on known planes show.
 
-        For clouds without pixels. In cells of directions the mean of n errors has the variance c /
-        n of one, where c is the correlation, and the unevenness of the planes adds to it. The
-        median over the cells leaves out what is no plane. Too few readings leave it as it was.
+        For clouds without pixels and for cameras that move. In cells of directions the mean of n
+        errors has the variance c / n of one, where c is the correlation, and the unevenness of the
+        planes adds to it. The median over the cells leaves out what is no plane. Too few readings
+        leave it as it was.
 
         `points` (n, 3) m, of the readings; `errors` (n,) of them, along their rays, in standard
         deviations; `spacing` in rad, angle between neighbouring readings.

@@ -136,6 +136,24 @@ def test_frames_that_cannot_be_compared_leave_the_correlation_as_it_was(rng) -> 
         assert noise.with_correlation(before, after) == noise
 
 
+@pytest.mark.parametrize("window", [1, 3, 5])
+def test_one_frame_of_a_moving_camera_shows_the_correlation_on_its_planes(
+    make_room, window
+) -> None:
+    """Errors that w² readings share have a factor of w², less what the border of a cell of 8 × 8
+    readings cuts off."""
+    room = make_room()
+    depth, _ = room.true_depth()
+    lengths = np.linalg.norm(room.rays, axis=-1)
+    white = uniform_filter(room.rng.normal(size=depth.shape), window, mode="wrap")
+    deviation = np.hypot(room.noise_constant, room.noise_quadratic * (depth * lengths) ** 2)
+    read = depth + window * white * deviation / lengths
+    rays = Intrinsics(room.width, room.height_pixels, room.matrix).rays()
+    frame = (rays * read[..., None]).astype(np.float32)
+    noise = model_environment([frame], SETTINGS, np.random.default_rng(0)).noise
+    assert 0.5 * window**2 < noise.correlated < 1.5 * window**2
+
+
 def test_a_camera_looking_straight_down_takes_its_own_x_axis(make_room) -> None:
     room = make_room(tilt=90.0, walls=())
     model = model_environment([room.points()], SETTINGS, np.random.default_rng(0))

@@ -52,14 +52,12 @@ class SphereImage:
     contrast : standard deviation of the surface in those of the noise of a pixel
     axes : (3, 3), right, down and towards the sensor, as rows
     place_deviation : rad, by which the whole image may be turned, as the centre is off
-    scale_deviation : by how much of itself the radius may be off
     """
 
     values: NDArray[np.float64]
     contrast: float
     axes: NDArray[np.float64]
     place_deviation: float
-    scale_deviation: float
 
     @cached_property
     def area(self) -> float:
@@ -138,7 +136,6 @@ def _image(
         inner * float(np.mean(brightness) + DARK) / noise,
         axes,
         float(np.sqrt(0.5 * np.trace(across))) / sphere.radius,
-        float(np.sqrt(sphere.covariance[3, 3])) / sphere.radius,
     )
 
 

@@ -91,7 +91,6 @@ class ImageSeries:
         self._seen = float(np.count_nonzero(~np.isnan(self._values)))
         self._pitch = pitch_of(GRID_CELLS)
         self._place = float(np.mean([image.place_deviation**2 for image in images]))
-        self._scale = float(np.mean([image.scale_deviation**2 for image in images]))
 
     def fitted(self, spin: NDArray[np.float64], *, reach: int = 1) -> Spin:
         """Return the spin that lays all images over one another best, near another.
@@ -152,8 +151,7 @@ class ImageSeries:
         pull = LIGHT_SLOPE**2 * sums[CELLS] * self._pull_of_light(mean)
         drawn = inverse @ pull
         covariance += np.outer(drawn, drawn)
-        covariance += self._geometry_covariance(mean)
-        return np.asarray(covariance + _bend(mean, covariance))
+        return np.asarray(covariance + self._geometry_covariance(mean))
 
     def _pull_of_light(self, spin: NDArray[np.float64]) -> NDArray[np.float64]:
         """Mean over all pairs of time times turn (3,), s rad, where light still lies on itself."""
@@ -164,7 +162,7 @@ class ImageSeries:
         return np.asarray(pull * spin / rate)
 
     def _geometry_covariance(self, spin: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Covariance of a spin by errors of the grid, of the centres and of the radius."""
+        """Covariance of a spin by errors of the grid and of the centres."""
         slopes = _slopes(spin, self.times - self.times.mean())
         toward = self._axes[:, 2]
         across = np.eye(3) - toward[:, :, None] * toward[:, None, :]
@@ -175,19 +173,7 @@ class ImageSeries:
         covariance: NDArray[np.float64] = (inverse @ meat @ inverse)[:3, :3]
         # Where all centres are off alike, the axis of the spin is turned with the images.
         tilt = np.cross(spin, across.mean(axis=0))
-        covariance += self._place * tilt.T @ tilt
-        turn = float(np.linalg.norm(spin) * (self.times[-1] - self.times[0]))
-        # A radius that is too large makes turns too small, as long as they are no whole ones.
-        turned = across.mean(axis=0) @ spin / max(1.0, turn)
-        return np.asarray(covariance + self._scale * np.outer(turned, turned))
-
-
-def _bend(spin: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Covariance of the size of a spin by errors of its axis: equally good axes lie on a sphere."""
-    size = max(float(np.linalg.norm(spin)), 1e-9)
-    axis = spin / size
-    away = (np.trace(covariance) - axis @ covariance @ axis) / (2.0 * size)
-    return np.asarray(away**2 * np.outer(axis, axis))
+        return np.asarray(covariance + self._place * tilt.T @ tilt)
 
 
 def _slopes(spin: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -22,8 +22,12 @@ leave the smallest gaps."""
 SEARCH_FRAMES = 8
 """Newest images of a flight in which a spin is searched that is not known."""
 
-CANDIDATES = 4
-"""Rotations that are refined, the best of those tried."""
+CANDIDATES = 12
+"""Rotations that are refined, the best of those tried, before a spin is believed: images a whole
+turn apart look alike for every axis."""
+
+FIRST_CANDIDATES = 4
+"""Those that are refined first: where none explains the images, the others take no time."""
 
 MIN_LIKELIHOOD = 40.0
 """Logarithm of how much likelier the images must be than without a common pattern: the best of
@@ -51,27 +55,14 @@ REACH = 4
 """Images that far apart are compared first in a search: what turns fast has little in common with
 the image before."""
 
-KEPT = 0.9
-"""Part of the correlation that a spin needs to become known, below which it is forgotten."""
-
 SHORTER = 0.75
 """Part of the time between two frames below which a new one shows that frames were left out."""
 
 PATIENCE = 4
 """Searches in vain after which one frame more is waited for the next."""
 
-PROVEN = 3
-"""Frames that agree with a known spin before a frame that does not is taken for a new spin."""
-
 NEAR_TURN = 0.35
 """Turn from frame to frame, rad, beside the best rotation, from which another one is searched."""
-
-RECURRING = 1.3
-"""Turn from frame to frame, rad, above which some of the compared images may be a whole turn
-apart. Those look alike for every axis, so more candidate rotations have to be compared."""
-
-RIVALS = 3
-"""Times as many rotations that are refined then."""
 
 
 class SurfaceSpin:
@@ -87,7 +78,7 @@ class SurfaceSpin:
         self._images: list[SphereImage] = []
         self._search: TurnSearch | None = None
         self._interval = np.inf
-        self._misses, self._waits, self._confirmed = 0, 0, 0
+        self._misses, self._waits = 0, 0
 
     @property
     def since(self) -> float:
@@ -110,16 +101,12 @@ class SurfaceSpin:
         """Correct a spin that is known; forget it where the newest image contradicts it."""
         self._thin()
         series = ImageSeries(self._times, self._images)
-        fits = [series.fitted(spin.mean, reach=len(self._times))]
-        self.spin = self._accepted(series, fits, KEPT * AGREEMENT)
-        self._confirmed += 1
+        self.spin = self._accepted(series, [series.fitted(spin.mean, reach=len(self._times))])
         if self.spin is None:
-            proven, time, image = self._confirmed > PROVEN, self._times[-1], self._images[-1]
-            self._confirmed = 0
-            if proven:
-                # Something that was not seen has changed it.
-                self.forget()
-                self._times, self._images = [time], [image]
+            # Something that was not seen has changed it.
+            time, image = self._times[-1], self._images[-1]
+            self.forget()
+            self._times, self._images = [time], [image]
 
     def _look(self) -> None:
         """Search for the spin among all rotations from frame to frame."""
@@ -142,18 +129,16 @@ class SurfaceSpin:
 
     def _found(self, series: ImageSeries, search: TurnSearch) -> Spin | None:
         """The spin that explains the images, found from the best of those tried."""
-        begins = search.best(RIVALS * CANDIDATES)
-        fits = [series.fitted(begin, reach=REACH) for begin in begins[:CANDIDATES]]
-        best = self._accepted(series, fits, AGREEMENT)
+        begins = search.best(CANDIDATES)
+        fits = [series.fitted(begin, reach=REACH) for begin in begins[:FIRST_CANDIDATES]]
+        best = self._accepted(series, fits)
         if best is None:
             return None
         # Before it is believed, others are looked for where they may have been missed.
         near = NEAR_TURN / search.duration * np.concatenate([np.eye(3), -np.eye(3)])
-        rivals = [*(best.mean + near)]
-        if np.linalg.norm(best.mean) * search.duration > RECURRING:
-            rivals += begins[CANDIDATES:]
-        fits += [series.fitted(rival, reach=REACH) for rival in rivals]
-        return self._accepted(series, fits, AGREEMENT)
+        begins += [*(best.mean + near)]
+        fits += [series.fitted(begin, reach=REACH) for begin in begins[FIRST_CANDIDATES:]]
+        return self._accepted(series, fits)
 
     def _thin(self) -> None:
         """Keep as many images as are compared: without the one whose neighbours are closest."""
@@ -162,30 +147,28 @@ class SurfaceSpin:
             left_out = 1 + int(np.argmin(times[2:] - times[:-2]))
             del self._times[left_out], self._images[left_out]
 
-    def _accepted(self, series: ImageSeries, fits: Sequence[Spin], agreement: float) -> Spin | None:
+    def _accepted(self, series: ImageSeries, fits: Sequence[Spin]) -> Spin | None:
         """The spin that explains the images, if it is the only one that does."""
         if not fits:
             return None
         best = max(fits, key=lambda fit: fit.likelihood)
         if (
             best.likelihood < MIN_LIKELIHOOD
-            or best.correlation < agreement
+            or best.correlation < AGREEMENT
             or np.linalg.norm(best.mean) * self._interval > LARGEST_TURN
-            or self._may_be_light(best, series.view_rate)
+            or _may_be_light(best, series.view_rate)
         ):
             return None
         rivals = [fit for fit in fits if fit.likelihood > LEAD * best.likelihood]
         return None if any(_differ(fit, best) for fit in rivals) else best
 
-    def _may_be_light(self, spin: Spin, view_rate: NDArray[np.float64]) -> bool:
-        """Whether what turns so may be light, which stands still, or a highlight, which goes a part
-        of the way with the line of sight (3,) rad/s."""
-        unsure = LIGHT_TURN**2 + HIGHLIGHT_TURN**2 * float(view_rate @ view_rate)
-        inverse = np.linalg.inv(spin.covariance + unsure * np.eye(3))
-        most = max(float(view_rate @ inverse @ view_rate), 1e-12)
-        part = float(np.clip(view_rate @ inverse @ spin.mean / most, 0.0, 1.0))
-        away = spin.mean - part * view_rate
-        return bool(away @ inverse @ away < STANDING_GATE)
+
+def _may_be_light(spin: Spin, view_rate: NDArray[np.float64]) -> bool:
+    """Whether what turns so may be light, which stands still, or a highlight, which goes a part of
+    the way with the line of sight (3,) rad/s."""
+    unsure = LIGHT_TURN**2 + HIGHLIGHT_TURN**2 * float(view_rate @ view_rate)
+    spread = spin.covariance + unsure * np.eye(3)
+    return bool(spin.mean @ np.linalg.solve(spread, spin.mean) < STANDING_GATE)
 
 
 def _differ(spin: Spin, other: Spin) -> bool:

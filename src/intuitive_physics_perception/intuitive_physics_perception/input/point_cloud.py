@@ -41,13 +41,6 @@ def points_of_cloud(cloud: Any) -> NDArray[np.float32]:
     points = np.empty((cloud.height, cloud.width, 3), dtype=np.float32)
     if not points.size:
         return points
-    offsets = np.array([field.offset for field in coordinates])
-    whole_words = not (row_step % 4 or point_step % 4 or (offsets % 4).any())
-    if whole_words and all(field.datatype == 7 for field in coordinates):
-        # Almost every cloud is so, and one kernel reads it in one go.
-        words = view[: view.size // 4 * 4].view("<f4")
-        _gather(words, row_step // 4, point_step // 4, offsets // 4, points)
-        return points
     with np.errstate(over="ignore", invalid="ignore"):
         for axis, field in enumerate(coordinates):
             points[:, :, axis] = np.ndarray(
@@ -87,21 +80,8 @@ def _coordinates(fields: Sequence[Any], point_step: int) -> list[Any]:
 
 
 @entry
-def _gather(words: Any, row_step: int, point_step: int, offsets: Any, points: Any) -> None:
-    """Take x, y, z of every point; steps and offsets in words of four bytes."""
-    height, width = points.shape[:2]
-    ox, oy, oz = offsets
-    for v in range(height):
-        for u in range(width):
-            start = v * row_step + u * point_step
-            x, y, z = words[start + ox], words[start + oy], words[start + oz]
-            if not np.isfinite(x + y + z) or x == y == z == 0.0:
-                x = y = z = np.float32(np.nan)
-            points[v, u, 0], points[v, u, 1], points[v, u, 2] = x, y, z
-
-
-@entry
 def _blank_unreadable(points: Any) -> None:
+    """Make points (n, 3) NaN that have a coordinate which is not finite, or zeros in all three."""
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         if not np.isfinite(x + y + z) or x == y == z == 0.0:

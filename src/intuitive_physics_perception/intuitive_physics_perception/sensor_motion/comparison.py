@@ -57,8 +57,6 @@ class Comparison:
     variances : (n,) m² of the residuals
     information : (n_things + 1, 6, 6) 1/m², by thing
     pulls : (n_things + 1, 6) 1/m, of each thing: the derivative of the logarithm of likelihood
-    seeming : (6, 6) 1/m², the part of the information that is there only because normals of patches
-        err
     scale : of the residuals, in standard deviations
     """
 
@@ -69,7 +67,6 @@ class Comparison:
     variances: NDArray[np.float64]
     information: NDArray[np.float64]
     pulls: NDArray[np.float64]
-    seeming: NDArray[np.float64]
     scale: float
 
     @property
@@ -134,8 +131,8 @@ class Comparison:
         return np.linalg.solve(whole, self.pulls.sum(axis=0))
 
     def determined(self) -> NDArray[np.float64]:
-        """Return the information (6, 6) in 1/m² that is the scene's."""
-        return np.asarray((self.information.sum(axis=0) - self.seeming) / self.scale**2)
+        """Return the information (6, 6) in 1/m² that the frame has of a motion."""
+        return np.asarray(self.information.sum(axis=0) / self.scale**2)
 
 
 def compare(
@@ -167,10 +164,10 @@ def compare(
         variances,
         np.empty(2 * SEARCHED + 1),
     )
-    information, seeming = np.zeros((MOST_THINGS + 1, 6, 6)), np.zeros((6, 6))
+    information = np.zeros((MOST_THINGS + 1, 6, 6))
     pulls = np.zeros((MOST_THINGS + 1, 6))
     _weigh(
-        (landmarks.places, landmarks.normals, landmarks.spreads, landmarks.things),
+        (landmarks.places, landmarks.normals, landmarks.things),
         shift,
         (scale, gate),
         residuals,
@@ -178,11 +175,9 @@ def compare(
         states,
         information,
         pulls,
-        seeming,
-        np.empty((6, 3)),
     )
     return Comparison(
-        way, states, landmarks.things, residuals, variances, information, pulls, seeming, scale
+        way, states, landmarks.things, residuals, variances, information, pulls, scale
     )
 
 
@@ -333,15 +328,13 @@ def _weigh(
     states: Any,
     information: Any,
     pulls: Any,
-    seeming: Any,
-    memory: Any,
 ) -> None:
     """Weigh residuals by Tukey's biweight and add up information and pulls by thing.
 
-    `landmarks`: places (n, 3) m, normals (n, 3), their covariances (n, 3, 3) and things (n,);
-    `limits`: the scale of the residuals and the gate in m; `memory` (6, 3).
+    `landmarks`: places (n, 3) m, normals (n, 3) and things (n,); `limits`: the scale of the
+    residuals and the gate in m.
     """
-    places, normals, spreads, things = landmarks
+    places, normals, things = landmarks
     scale, gate = limits
     for i in range(places.shape[0]):
         if states[i] != DIFFERS:
@@ -362,25 +355,3 @@ def _weigh(
             pulls[thing, r] -= weight * residuals[i] * row[r]
             for c in range(6):
                 information[thing, r, c] += weight * row[r] * row[c]
-        if spreads[i, 0, 0] + spreads[i, 1, 1] + spreads[i, 2, 2] > 0.0:
-            _add_seeming(seeming, memory, (x, y, z), spreads[i], weight)
-
-
-@kernel
-def _add_seeming(seeming: Any, memory: Any, arm: Any, spread: Any, weight: float) -> None:
-    """Add w M C Mᵀ with the covariance C (3, 3) of a normal n and M (6, 3) by which the row of its
-    landmark is M n: the normal itself, and its product with the arm (3,)."""
-    x, y, z = arm
-    for c in range(3):
-        memory[0, c], memory[1, c], memory[2, c] = spread[0, c], spread[1, c], spread[2, c]
-        memory[3, c] = y * spread[2, c] - z * spread[1, c]
-        memory[4, c] = z * spread[0, c] - x * spread[2, c]
-        memory[5, c] = x * spread[1, c] - y * spread[0, c]
-    for r in range(6):
-        u, v, w = memory[r, 0], memory[r, 1], memory[r, 2]
-        seeming[r, 0] += weight * u
-        seeming[r, 1] += weight * v
-        seeming[r, 2] += weight * w
-        seeming[r, 3] += weight * (y * w - z * v)
-        seeming[r, 4] += weight * (z * u - x * w)
-        seeming[r, 5] += weight * (x * v - y * u)

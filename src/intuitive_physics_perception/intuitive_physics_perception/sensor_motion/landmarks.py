@@ -41,10 +41,7 @@ PLANE_PATCHES = 150
 """Patches that are kept of each plane, evenly: enough to determine its three numbers."""
 
 OTHER_PATCHES = 600
-"""Patches that are kept of all else, as evenly as possible over the directions of their normals."""
-
-NORMAL_CELLS = 3
-"""Cells along each side of a face of the cube, in which directions of normals are sorted."""
+"""Patches that are kept of all else, evenly."""
 
 EDGE_JUMP = 0.05
 """Part of the range by which it must jump at an edge, and m that it must jump at least by twice."""
@@ -178,7 +175,7 @@ def _patches(
     kept = [
         _evenly(np.flatnonzero(on_plane == k), PLANE_PATCHES) for k in range(len(model.detected))
     ]
-    kept.append(_by_normals(np.flatnonzero(on_plane < 0), normals))
+    kept.append(_evenly(np.flatnonzero(on_plane < 0), OTHER_PATCHES))
     patches = Landmarks(
         places,
         normals,
@@ -347,28 +344,6 @@ def _is_on(
 def _evenly(which: NDArray[np.int64], most: int) -> NDArray[np.int64]:
     """Indices (m,), at most `most`, spaced evenly over those given, (n,)."""
     return which[np.linspace(0, len(which) - 1, min(most, len(which))).astype(np.int64)]
-
-
-def _by_normals(which: NDArray[np.int64], normals: NDArray[np.float64]) -> NDArray[np.int64]:
-    """At most `OTHER_PATCHES` of indices (n,), from all directions of the normals in turn."""
-    if not len(which):
-        return which
-    which = np.random.default_rng(0).permutation(which)
-    n = normals[which]
-    axis = np.abs(n).argmax(axis=1)
-    length = n[np.arange(len(n)), axis]
-    others = np.stack([n[np.arange(len(n)), (axis + k) % 3] for k in (1, 2)], axis=1)
-    cells = np.clip(
-        ((others / np.abs(length)[:, None] + 1.0) * 0.5 * NORMAL_CELLS).astype(np.int64),
-        0,
-        NORMAL_CELLS - 1,
-    )
-    cell = ((2 * axis + (length > 0.0)) * NORMAL_CELLS + cells[:, 0]) * NORMAL_CELLS + cells[:, 1]
-    order = np.argsort(cell, kind="stable")
-    starts = np.searchsorted(cell[order], cell[order])
-    turns = np.empty(len(which), dtype=np.int64)
-    turns[order] = np.arange(len(which)) - starts
-    return which[np.argsort(turns, kind="stable")[:OTHER_PATCHES]]
 
 
 def _edges(

@@ -53,7 +53,7 @@ def image(
     values = surface(directions @ orientation) + light(directions)
     if rng is not None:
         values = values + noise * rng.normal(size=values.shape)
-    return SphereImage(np.where(z > RIM, values, np.nan), 10.0, axes, 0.0, 0.0)
+    return SphereImage(np.where(z > RIM, values, np.nan), 10.0, axes, 0.0)
 
 
 def axes_towards(direction: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -229,6 +229,22 @@ def test_what_stands_still_in_the_room_is_light() -> None:
     estimator = SurfaceSpin()
     for time, view in zip(*flight(waves(5), np.zeros(3), 7), strict=True):
         estimator.take(time, view)
+        assert estimator.spin is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_highlight_that_goes_with_the_line_of_sight_is_no_pattern(seed: int) -> None:
+    """On a plain ball that passes close by it is half-way between lamp and sensor."""
+    rng = np.random.default_rng(seed)
+    lamp = rng.normal(size=3) + [-0.5, -0.5, 1.0]
+    estimator = SurfaceSpin()
+    plain: Field = lambda n: 0.0 * n[..., 0]  # noqa: E731
+    for k in range(12):
+        axes = axes_towards(np.array([-0.6, 3.0 * k / RATE - 0.6, 0.2 + 0.2 * k / RATE]))
+        middle = lamp / np.linalg.norm(lamp) + axes[2]
+        middle /= np.linalg.norm(middle)
+        gleam: Field = lambda n, at=middle: 3.0 * np.maximum(n @ at, 0.0) ** 60  # noqa: E731
+        estimator.take(k / RATE, image(plain, np.eye(3), axes, gleam, noise=0.1, rng=rng))
         assert estimator.spin is None
 
 

@@ -89,6 +89,8 @@ class JointSearch(Search):
         self._simulator, self._generator = task.simulator, generator
         self._time_limit, self._began = np.inf, time.monotonic()
         self._evaluations = 0
+        # An evaluation of J simulates as much as all of them.
+        self._motions = len(fit_task.influence)
         self._descent = CostDescent(task.cost_task)
         self._misfits: list[float] = []
         self._lowest = self.fit.unit
@@ -177,7 +179,7 @@ class JointSearch(Search):
         judged += move_simulations(self.fit) + self._staged.jointly.choice_simulations
         if task.start_was_learned:
             judged += self.fit.held_simulations
-        simulated = self._staged.simulations + self._evaluations * len(task.influence)
+        simulated = self._staged.simulations + self._evaluations * self._motions
         return seconds * judged / simulated
 
     def initial_spins(self) -> InitialSpins:
@@ -214,7 +216,7 @@ class JointSearch(Search):
 
     def _count(self, cost: float) -> None:
         """Count simulations as evaluations of J, the last of which found `cost` m."""
-        observations = len(self._cost.observations)
-        simulations = self._staged.simulations + self._descent.simulations
-        while (self.iterations - self._evaluations) * observations < simulations:
+        fits = self._staged.simulations / self._motions
+        descent = self._descent.simulations / len(self._cost.observations)
+        while self.iterations - self._evaluations < fits + descent:
             self._record(cost)

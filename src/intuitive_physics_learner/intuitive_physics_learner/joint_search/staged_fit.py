@@ -278,7 +278,7 @@ class StagedFit(Resumable):
         members = np.flatnonzero(others)
         parameters = np.flatnonzero(self.task.influence[members].any(axis=0))
         task = replace(self.task, prior=prior).part(members, parameters)
-        fit = JointFit(task, self._ahead)
+        fit = JointFit(task, JointEstimationSettings())
         before = self.joint.observation_fits()
         fit.begin_at(
             self.joint.unit[parameters],
@@ -374,8 +374,8 @@ def separable(
     """Find groups of observations of single objects that have no parameter in common.
 
     `influence` (n_observations, n) bool, which observation can depend on which parameter. Returns
-    arrays (n_members,) of indices of observations; none where all observations would be in one
-    group, which a joint fit is of anyway.
+    arrays (n_members,) of indices of observations; none where they would all be in one group, which
+    a joint fit is for.
     """
     alone = np.array([len(observation.objects) == 1 for observation in observations])
     lone = np.flatnonzero(alone & influence.any(axis=1))
@@ -383,6 +383,6 @@ def separable(
         return []
     shared = csr_array(influence[lone].astype(np.int64))
     count, labels = connected_components(shared @ shared.T, directed=False)
-    if count == 1 and lone.size == len(observations):
+    if count == 1:
         return []
     return [lone[labels == k] for k in range(count)]

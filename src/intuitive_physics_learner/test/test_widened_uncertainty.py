@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -65,6 +65,11 @@ def test_about_a_point_beside_the_mean_the_distance_counts():
     np.testing.assert_allclose(about, covariance + np.outer(apart, apart), rtol=1e-9)
 
 
+@example(
+    np.array([[8.0, 0.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0]]),
+    np.ones(3),
+    np.full(3, 0.125),
+)
 @given(
     arrays(float, (4, 3), elements=st.floats(-100.0, 100.0)),
     arrays(float, 3, elements=st.floats(1.0, 5.0)),

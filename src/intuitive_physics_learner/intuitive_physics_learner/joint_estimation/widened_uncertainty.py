@@ -180,12 +180,17 @@ def widened_information(
     wider = (vectors * (np.maximum(values, 0.0) / squares)) @ vectors.T
     bounds = UNIFORM_PRECISION * np.eye(least.size)
     covariance = np.linalg.inv(wider + bounds)
-    lacking = np.where(least < LARGEST_DEVIATION, least**2 - np.diag(covariance), 0.0)
-    # Information that is lost by an additional error, without inverting what is almost exact.
-    lacking = np.maximum(lacking, 0.0)
-    if not lacking.any():
-        return wider
-    return np.asarray(np.linalg.inv(covariance + np.diag(lacking)) - bounds)
+    # Of the marginals without bounds: what is not known at all does not get less known by an error.
+    asked = np.where(least < LARGEST_DEVIATION, least, 0.0)
+    lacking = _without_bounds(asked**2) - _without_bounds(np.diag(covariance))
+    errors = np.sqrt(np.maximum(lacking, 0.0))
+    return Gaussian.about(np.zeros(least.size), wider).widened(errors).precision
+
+
+def _without_bounds(variances: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return variances (n,) in width² without what bounds say; infinite where these say all."""
+    left = np.maximum(1.0 - UNIFORM_PRECISION * variances, 0.0)
+    return np.divide(variances, left, out=np.full_like(variances, np.inf), where=left > 0.0)
 
 
 def information_about(

@@ -38,13 +38,11 @@ from intuitive_physics_learner.assessment.motion_laws import (
 from intuitive_physics_learner.assessment.reasons import Reason
 from intuitive_physics_learner.assessment.tracks import track_of
 from intuitive_physics_learner.cost.point_noise import detected, track_noises
+from intuitive_physics_learner.joint_estimation.normal_equations import NOISE_LOSS
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
 
 LEAST_POINTS = 3
 """Points of each object that are left in any case."""
-
-NOISE_LOSS = 1.5
-"""Mean loss of a point of noise, half of χ² of three axes."""
 
 SMALLEST_MISFIT_SPREAD = 0.2
 """Standard deviation at least of the logarithm of a misfit: of noise, the largest of the mean

@@ -43,6 +43,10 @@ NEGLIGIBLE = 1e-7
 """Part of the largest eigenvalue of a covariance below which one counts as rounding."""
 
 
+NOISE_LOSS = 1.5
+"""Mean loss of a point of noise, half of χ² of three axes."""
+
+
 def robust_loss(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return Huber's loss (...,) of residuals, `lengths` (...,) in σ of the noise."""
     linear = OUTLIER_LENGTH * (lengths - 0.5 * OUTLIER_LENGTH)

@@ -25,7 +25,7 @@ from intuitive_physics.prior_knowledge.spin_evidence import UnknownSpin
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.fit_horizons import RETREAT, TrajectoryFits
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
-from intuitive_physics_learner.joint_estimation.normal_equations import NormalEquations
+from intuitive_physics_learner.joint_estimation.normal_equations import NOISE_LOSS, NormalEquations
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
 from intuitive_physics_learner.joint_estimation.state_steps import StateSteps
 from intuitive_physics_learner.joint_estimation.trajectory_model import Estimate, TrajectoryModel
@@ -37,9 +37,6 @@ bounds themselves."""
 
 SMALLEST_SCAN_GAIN = 3.0
 """Loss that a scanned value must gain to be taken: a likelihood ratio of e³ ≈ 20, hardly chance."""
-
-NOISE_LOSS = 1.5
-"""Mean loss of a point of noise, half of χ² of three axes."""
 
 TRIED_SPINS = 64
 """Spins simulated in each round."""

@@ -14,7 +14,6 @@ import numpy as np
 
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.assessment.assessment import (
-    NOISE_LOSS,
     assessed_by_laws,
     least_log_p,
     reassessed,
@@ -24,6 +23,7 @@ from intuitive_physics_learner.assessment.assessment import (
 from intuitive_physics_learner.assessment.reasons import Reason
 from intuitive_physics_learner.assessment.undisturbed_motion import undisturbed_misfits
 from intuitive_physics_learner.cost.cost_function import Cost
+from intuitive_physics_learner.joint_estimation.normal_equations import NOISE_LOSS
 from intuitive_physics_learner.online.lone_fit import LoneFit
 from intuitive_physics_learner.online.online_state import Member, OnlineState, Signs
 from intuitive_physics_learner.search.gaussian import Gaussian

@@ -68,7 +68,7 @@ AVERAGED = 4
 """Steps that the result is the mean over; set by hand."""
 
 EARLIER = 7
-"""Steps before the last ones with which these are compared: the spread of links was three times as
+"""Steps before the last ones with which these are compared: the spread of links was seven times as
 large then."""
 
 MOST_STEPS = 60

@@ -25,6 +25,7 @@ from intuitive_physics_learner.joint_search.identifiability import (
     balanced_half,
     identifiability_by_fit,
 )
+from intuitive_physics_learner.joint_search.joint_search import EVALUATED_SHARE
 from intuitive_physics_learner.joint_search.staged_fit import StagedFit
 from intuitive_physics_learner.methods import JOINT_METHOD
 
@@ -64,6 +65,21 @@ def test_noisy_initial_states_do_not_bias(event_driven, throws, true_parameters)
     assert "restitution[ball, floor]" in names[learned.identified]
     assert not learned.identified[names == "density[ball]"].any()
     assert not learned.identified[names == "restitution[ball, ball]"].any()
+
+
+def test_j_is_evaluated_for_a_share_of_the_simulations(event_driven, throws):
+    """And at the end, where it is that of the result."""
+    observed = throws(8, 5, NOISE, STATE_NOISE)
+    search = joint_search(observed, event_driven)
+    cost = TrajectoryCost(observed, event_driven, MATERIALS)
+    for _ in range(12):
+        before = search._staged.simulations
+        search.step(1000)
+        assert np.isfinite(search.best_cost)
+    later = (search._evaluations - 1) * len(observed)
+    assert 0 < later <= EVALUATED_SHARE * before + len(observed)
+    search.conclude()
+    assert search.best_cost == pytest.approx(cost.costs([search.best_parameters])[0])
 
 
 def test_short_search_keeps_a_better_start(event_driven, throws, true_parameters):

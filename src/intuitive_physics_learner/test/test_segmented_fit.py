@@ -118,6 +118,24 @@ def test_the_true_motion_leaves_noise_alone(single, event_driven, seen, true_uni
     assert throws.explained(losses, counts).sum() > 0.9 * counts.sum()
 
 
+def test_throws_have_nothing_to_do_with_each_other(single, event_driven, seen, true_unit):
+    """Given θ_s, what some leave unexplained is what they do among all."""
+    members = np.array([2, 5, 11])
+    whole = SegmentedThrows(single, event_driven)
+    part = SegmentedThrows(single, event_driven, members)
+    path = true_path(whole, seen[1])
+    paths = path, path[members, : part.shape[1]]
+    of_all, of_some = (
+        throws.losses(
+            throws.worlds([true_unit]), states, throws.points.counts, throws.spreads(states, 1.0)
+        )
+        for throws, states in zip((whole, part), paths, strict=True)
+    )
+    np.testing.assert_allclose(of_some.points, of_all.points[members, : part.shape[1]])
+    np.testing.assert_allclose(of_some.links, of_all.links[members, : part.shape[1]])
+    np.testing.assert_allclose(of_some.first, of_all.first[members])
+
+
 def test_slopes_of_segments_are_those_of_the_loss(single, event_driven, seen, true_unit):
     """The gradient of half the squared residuals, by differences of the loss along each unknown.
 

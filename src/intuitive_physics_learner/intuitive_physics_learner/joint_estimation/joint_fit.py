@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.materials import StaticParameters
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics.prior_knowledge.spin_evidence import SpinEvidence, SpinLikelihood
 from intuitive_physics.settings import check_settings, number, other
+from intuitive_physics_learner.joint_estimation.damped_steps import DampedSteps
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
-    TrajectoryFits,
     advanced_horizons,
 )
-from intuitive_physics_learner.joint_estimation.linearisation import Linearisation, residuals_at
+from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     Elimination,
     NormalEquations,
     agreement_weights,
-    bounded_step,
     joint_posterior,
-    reduced_equations,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
 from intuitive_physics_learner.joint_estimation.scans import (
@@ -33,7 +30,6 @@ from intuitive_physics_learner.joint_estimation.scans import (
     other_spins,
     scanned,
 )
-from intuitive_physics_learner.joint_estimation.state_steps import StateSteps
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
 from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
 from intuitive_physics_learner.search.learning_task import FitTask
@@ -57,9 +53,6 @@ LARGEST_DAMPING = 1e4
 
 DAMPING_FACTORS = (0.1, 1.0, 10.0, 100.0)
 """Factors on the last damping that are tried in one step; set by hand."""
-
-LARGEST_MOVE = 0.2
-"""Largest move of a parameter in one step, widths; set by hand."""
 
 STRAIGHT_STEPS = 9
 """Steps of a fit after which initial states take another step from where a damped one ended.
@@ -105,10 +98,6 @@ class JointEstimationSettings:
     def __post_init__(self) -> None:
         check_settings(self)
 
-
-_Tried: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-"""Initial states (c, W, d) that were tried for a block, their residuals (c, W, P, 3) in m, and
-their losses (c, W)."""
 
 FIXED_HORIZONS = JointEstimationSettings(largest_advance=0.0, scan_steps=())
 """Those of a fit up to given horizons, that scans nothing."""
@@ -425,79 +414,34 @@ class JointFit(Resumable):
         goals: list[NDArray[np.float64]],
     ) -> None:
         """Take the best of several damped steps, each initial state its own, and move horizons."""
-        model = self.model
-        estimates = [part.estimate for _, part in model.parts(self.estimate)]
+        late = self.steps > STRAIGHT_STEPS
+        steps = DampedSteps(
+            self.model, self.estimate, linear, equations, self.weights, restepped=late
+        )
         dampings = np.clip(
             self._damping * np.array(DAMPING_FACTORS), SMALLEST_DAMPING, LARGEST_DAMPING
         )
-        units, states = _proposals(
-            self.unit, self.prior, estimates, equations, self.weights, dampings
-        )
-        candidates = [model.space.to_parameters(unit) for unit in units]
-        # Each θ_s with the initial states that go with it, with the present ones, and late in a fit
-        # with those that another step leads to.
-        each = np.arange(len(units))
-        late = self.steps > STRAIGHT_STEPS
-        index = np.concatenate([each, each[1:], each if late else each[:0]])
-        parts = list(model.parts(self.estimate))
-
-        def tried_block(k: int) -> _Tried:
-            steps = StateSteps.of(*parts[k], linear[k], equations[k]) if late else None
-            return self._tried(*parts[k], states[k], candidates, steps)
-
-        losses = self.prior.losses(units)
-        tried = model.of_blocks(tried_block)
-        for (block, part), (_, _, part_losses) in zip(parts, tried, strict=True):
-            model.count(block, part.horizons, len(index))
-            weights = self.weights[block.members]
-            for u in range(len(units)):
-                losses[u] += (weights * part_losses[index == u].min(axis=0)).sum()
-        best = int(np.argmin(losses))
-        moved = np.abs(units[best] - self.unit) / self.estimate.deviations
-        self.estimate.unit = units[best]
+        steps.try_steps(dampings)
+        best = int(np.argmin(steps.losses))
+        moved = np.abs(steps.units[best] - self.unit) / self.estimate.deviations
+        self.estimate.unit = steps.units[best]
         # Where no step was better, the next ones are damped most.
         self._damping = float(dampings[best - 1])
-        advanced = self._take_states(np.flatnonzero(index == best), tried, goals)
+        advanced = self._take_states(steps.best_states(best), goals)
         settled = moved.max() < SETTLED_MOVE and not advanced
         self._settled = self._settled + 1 if settled else 0
 
-    def _tried(
-        self,
-        block: ObservationBlock,
-        part: TrajectoryFits,
-        states: NDArray[np.float64],
-        candidates: list[StaticParameters],
-        steps: StateSteps | None,
-    ) -> _Tried:
-        """Simulate a block in all trials; `states` (c, W, d) go with the candidates."""
-        each = np.arange(len(candidates))
-
-        def residuals_of(
-            trying: NDArray[np.float64], index: NDArray[np.int64]
-        ) -> NDArray[np.float64]:
-            cost, until = self.model.cost, part.horizons
-            return residuals_at(cost, block, trying, candidates, index[:, None], until)
-
-        trying = np.concatenate([states, np.tile(part.estimate, (each.size - 1, 1, 1))])
-        residuals = residuals_of(trying, np.concatenate([each, each[1:]]))
-        if steps is not None:
-            others = steps.stepped(states, residuals[: each.size])
-            trying = np.concatenate([trying, others])
-            residuals = np.concatenate([residuals, residuals_of(others, each)])
-        return trying, residuals, part.losses(block, trying, residuals)
-
     def _take_states(
-        self, options: NDArray[np.int64], tried: Sequence[_Tried], goals: list[NDArray[np.float64]]
+        self,
+        best: Iterable[tuple[NDArray[np.float64], NDArray[np.float64]]],
+        goals: list[NDArray[np.float64]],
     ) -> bool:
-        """Take the best initial states among options; return whether any horizon got farther."""
+        """Take the best initial states; return whether any horizon got farther than before."""
         advanced, misfits, counted = False, 0, self.model.task.counted
-        for (block, part), (trying, residuals, losses), goal in zip(
-            self.model.parts(self.estimate), tried, goals, strict=True
+        for (block, part), (states, left), goal in zip(
+            self.model.parts(self.estimate), best, goals, strict=True
         ):
-            pick = options[np.argmin(losses[options], axis=0)]
-            every = np.arange(block.members.size)
-            part.estimate = trying[pick, every]
-            left = residuals[pick, every]
+            part.estimate = states
             if self._fixed:
                 part.note_misfits(block, left)
             else:
@@ -529,25 +473,3 @@ def _held_at(task: FitTask, unit: NDArray[np.float64]) -> FitTask:
     """Return the task of initial states alone, θ_s held at a point (n,) of the unit cube."""
     prior = Gaussian.about(unit, HELD_PRECISION * np.eye(unit.size))
     return replace(task, prior=prior)
-
-
-def _proposals(
-    unit: NDArray[np.float64],
-    prior: Gaussian,
-    estimates: Sequence[NDArray[np.float64]],
-    equations: Sequence[NormalEquations],
-    weights: NDArray[np.float64],
-    dampings: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
-    """Return θ_s (c, n), the present one first, and the initial states (c, W, d) of each block."""
-    units = [unit]
-    states = [[estimate] for estimate in estimates]
-    for damping in dampings.tolist():
-        eliminated = [each.eliminated(damping) for each in equations]
-        information, scores = reduced_equations(prior, unit, eliminated, weights)
-        step = bounded_step(unit, information, scores, damping)
-        step = np.clip(step, -LARGEST_MOVE, LARGEST_MOVE)
-        units.append(unit + step)
-        for block_states, each in zip(states, eliminated, strict=True):
-            block_states.append(block_states[0] + each.state_steps(step))
-    return np.array(units), [np.array(block_states) for block_states in states]

@@ -30,6 +30,10 @@ from intuitive_physics_learner.segmented_estimation.segmented_fit import (
     segment_simulations,
 )
 
+EVALUATED_SHARE = 0.05
+"""Share of the simulations of a fit up to which J is evaluated again, which only tells how the fit
+gets on; set by hand."""
+
 LARGEST_MISFIT_SHARE = 0.3
 """Mean share of observations with a misfit above which the simulation must lack an effect: just
 below the third that a fit horizon counts which advances twice and retreats once for ever."""
@@ -75,7 +79,14 @@ class JointSearch(Search):
     generator : of the starts of fits
     """
 
-    remembered = (*Search.remembered, "_evaluations", "_misfits", "_lowest", "_lowest_cost")
+    remembered = (
+        *Search.remembered,
+        "_evaluations",
+        "_evaluated",
+        "_misfits",
+        "_lowest",
+        "_lowest_cost",
+    )
 
     def __init__(self, task: LearningTask, generator: np.random.Generator) -> None:
         super().__init__()
@@ -93,7 +104,7 @@ class JointSearch(Search):
         self._motions = len(fit_task.influence)
         self._descent = CostDescent(task.cost_task)
         self._misfits: list[float] = []
-        self._lowest = self.fit.unit
+        self._evaluated = self._lowest = self.fit.unit
         self._lowest_cost = np.inf
 
     @property
@@ -131,10 +142,11 @@ class JointSearch(Search):
                 self._count(self._descent.cost)
         elif not self._staged.settled:
             self._step_fits()
-            self._evaluate()
+            self._follow()
             self._misfits = [*self._misfits, self.fit.misfits][-MISFIT_STEPS:]
             enough = len(self._misfits) == MISFIT_STEPS or self._staged.settled
             if enough and np.mean(self._misfits) > LARGEST_MISFIT_SHARE:
+                self._evaluate()
                 self._descent.take_best(np.array([self._begin, self._lowest]))
         return self.iterations - before
 
@@ -151,9 +163,8 @@ class JointSearch(Search):
         """Choose among the fits from several starts, or take over those in segments."""
         if not self.fits_trajectories:
             return
-        before = self.fit.unit
         self._staged.conclude()
-        if (self.fit.unit != before).any():
+        if (self.fit.unit != self._evaluated).any():
             self._evaluate()
 
     def keep_start(self, task: LearningTask) -> bool:
@@ -207,9 +218,17 @@ class JointSearch(Search):
             return None
         return SegmentedFit(fit, self._simulator, self._generator.spawn(1)[0])
 
+    def _follow(self) -> None:
+        """Evaluate J where that takes little beside the fit, and count its simulations."""
+        if self._evaluations * self._motions > EVALUATED_SHARE * self._staged.simulations:
+            self._count(self.best_cost)
+        else:
+            self._evaluate()
+
     def _evaluate(self) -> None:
         (cost,) = self._cost.costs([self.best_parameters]).tolist()
         self._evaluations += 1
+        self._evaluated = self.fit.unit
         if cost < self._lowest_cost:
             self._lowest, self._lowest_cost = self.fit.unit, cost
         self._count(cost)

@@ -145,7 +145,7 @@ class StagedFit(Resumable):
     @property
     def simulations(self) -> float:
         """Simulations of single observations so far."""
-        in_segments = sum(part.fit.throws.simulations for part in self._segments)
+        in_segments = sum(part.fit.simulations for part in self._segments)
         earlier = self._simulations_before + in_segments
         return earlier + self.jointly.simulations + self._simulations_of_parts(self._parts)
 
@@ -313,7 +313,7 @@ class StagedFit(Resumable):
     def _end_segments(self) -> None:
         """Take over what fits in segments say; one that has not got far enough is left out."""
         for part in self._segments:
-            self._simulations_before += part.fit.throws.simulations
+            self._simulations_before += part.fit.simulations
             if part.fit.usable:
                 said = part.fit.knowledge()
                 self._known.append(

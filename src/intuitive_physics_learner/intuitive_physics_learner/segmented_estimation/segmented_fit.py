@@ -10,11 +10,16 @@ the spread becomes smaller (annealing).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from operator import methodcaller
+
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.simulation import Simulator, WorldBatch
-from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_MOVE, JointFit
+from intuitive_physics.simulation import Simulator
+from intuitive_physics.simulation.shares import mapped_in_shares
+from intuitive_physics_learner.joint_estimation.damped_steps import LARGEST_MOVE
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     Elimination,
     agreement_weights,
@@ -27,21 +32,9 @@ from intuitive_physics_learner.joint_estimation.widened_uncertainty import (
     widened_information,
 )
 from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
-from intuitive_physics_learner.segmented_estimation.chaotic_states import CHANGE_SPREADS, moved
-from intuitive_physics_learner.segmented_estimation.continuations import (
-    BACK,
-    FIRST_PARTS,
-    MOTIONS,
-    Continuations,
-)
-from intuitive_physics_learner.segmented_estimation.segment_equations import (
-    SegmentEquations,
-    segment_equations,
-)
-from intuitive_physics_learner.segmented_estimation.segmented_throws import (
-    PathLosses,
-    SegmentedThrows,
-)
+from intuitive_physics_learner.segmented_estimation.continuations import MOTIONS
+from intuitive_physics_learner.segmented_estimation.segmented_paths import SegmentedPaths
+from intuitive_physics_learner.segmented_estimation.segmented_throws import SegmentedThrows
 
 FIRST_LEVEL, LAST_LEVEL = 4.0, 0.05
 """Spread of links at first and at last, in `chaotic_states.SPREADS`. At 4 a filter follows boxes to
@@ -58,11 +51,8 @@ at a spread; set by hand."""
 STEP_PART = 0.5
 """Part of a Newton step of θ_s that is taken: states follow it by one step only; set by hand."""
 
-STATE_DAMPINGS = (0.01, 1.0)
-"""Dampings of the steps of states that are tried; set by hand."""
-
-LARGEST_STATE_STEP = 10.0
-"""Largest step of a component of a state, in spreads; set by hand."""
+THROWS_OF_A_PART = 20
+"""Throws of which paths are worked on together at least; set by hand."""
 
 AVERAGED = 4
 """Steps that the result is the mean over; set by hand."""
@@ -102,25 +92,31 @@ class SegmentedFit:
     deviations : (n,) standard deviation of each parameter, widths
     level : spread of links
     steps : taken so far
-    explained : (A,) segments of each throw that are explained
     """
 
     def __init__(self, fit: JointFit, simulator: Simulator, generator: np.random.Generator) -> None:
-        self._prior, self._space, self._generator = fit.prior, fit.model.space, generator
-        self.throws = SegmentedThrows(fit, simulator)
+        self._prior, self._space, self._threads = fit.prior, fit.model.space, simulator.threads
         self.unit, self.deviations = fit.unit.copy(), fit.deviations.copy()
         self.level, self.steps = FIRST_LEVEL, 0
-        self._begun = fit.state_draws(generator, MOTIONS)[:, :, 0]
-        shape = self.throws.shape
-        self._states = np.zeros((*shape, 13))
-        self._states[..., 6] = 1.0
-        self._lengths = np.zeros(shape[0], dtype=np.int64)
-        self._limits = self.throws.points.counts.copy()
-        self.explained = self._lengths
-        self._covariances = np.zeros((*shape, 12, 12))
+        begun = fit.state_draws(generator, MOTIONS)[:, :, 0]
+        shares = np.array_split(np.arange(len(begun)), max(1, len(begun) // THROWS_OF_A_PART))
+        self._parts = [
+            SegmentedPaths(SegmentedThrows(fit, simulator, members), begun[members], own)
+            for members, own in zip(shares, generator.spawn(len(shares)), strict=True)
+        ]
         self._given_weights = self._weights = fit.model.task.weights
         self._units: list[NDArray[np.float64]] = []
         self._said: list[LocalLikelihood] = []
+
+    @property
+    def explained(self) -> NDArray[np.int64]:
+        """Segments (A,) of each throw that are explained."""
+        return np.concatenate([part.explained for part in self._parts])
+
+    @property
+    def simulations(self) -> float:
+        """Simulations of whole throws so far."""
+        return sum(part.throws.simulations for part in self._parts)
 
     @property
     def finished(self) -> bool:
@@ -154,86 +150,22 @@ class SegmentedFit:
     def step(self) -> None:
         """Let throws go on, and take a step of θ_s and all states."""
         self.steps += 1
-        worlds = self.throws.worlds([self.unit])
-        spreads = self.throws.spreads(self._states, self.level)
-        losses = self._losses(worlds, spreads)
-        if self._go_on(worlds, losses):
-            spreads = self.throws.spreads(self._states, self.level)
-            losses = self._losses(worlds, spreads)
-        self.explained = self.throws.explained(losses, self._lengths)
-        equations = self._equations(spreads)
-        eliminated = equations.eliminated()
-        step = self._step_parameters(eliminated)
-        self._step_states(equations, eliminated, step, spreads)
+        go_on = methodcaller("go_on", self.unit, self.deviations, self.level)
+        step = self._step_parameters(mapped_in_shares(go_on, self._parts, self._threads))
+        take_steps = methodcaller("take_steps", self.unit, step)
+        mapped_in_shares(take_steps, self._parts, self._threads)
         self._units.append(self.unit)
 
-    def _losses(self, worlds: WorldBatch, spreads: NDArray[np.float64]) -> PathLosses:
-        return self.throws.losses(worlds, self._states, self._lengths, spreads)
-
-    def _go_on(self, worlds: WorldBatch, losses: PathLosses) -> bool:
-        """Look for a way beyond what is explained; return whether any throw was followed."""
-        throws = self.throws
-        explained = throws.explained(losses, self._lengths)
-        asked = explained < self._limits
-        # Where nothing was found, another θ_s is more likely to help than more motions.
-        asked &= (explained > self.explained) | (self.steps % 2 == 1)
-        rows = np.flatnonzero(asked)
-        if not rows.size:
-            return False
-        first = np.maximum(explained[rows] - BACK, 0)
-        begun = self._begun[rows].copy()
-        known = np.flatnonzero(self._lengths[rows] > 0)
-        begun[known] = self._spread(rows[known], first[known])
-        last = np.maximum(first - 1, 0)
-        spreads = throws.link_spreads(rows, self._states[rows, last][:, None], begun, self.level)
-        before = throws.link_losses(losses.ends[rows, last][:, None], begun, spreads)
-        before = np.where((first == 0)[:, None], throws.initial_losses(rows, begun), before)
-        followed = Continuations(
-            throws, worlds, rows, first, begun, self.level, self._generator
-        ).follow(self._states, self._lengths, self._limits, before)
-        for a in np.flatnonzero(followed.counts).tolist():
-            row, begin, count = rows[a], first[a], followed.counts[a]
-            self._states[row, begin : begin + count] = followed.states[a, :count]
-            self._lengths[row] = begin + count
-        self._limits[rows] = np.minimum(self._limits[rows], followed.ends)
-        return True
-
-    def _spread(self, rows: NDArray[np.int64], segments: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return states (r, M, 13) about those in which segments (r,) of throws (r,) begin."""
-        covariances = self._covariances[rows, segments]
-        values, vectors = np.linalg.eigh(covariances)
-        factors = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
-        normal = self._generator.normal(size=(rows.size, MOTIONS, 12))
-        normal *= np.resize(FIRST_PARTS, MOTIONS)[:, None]
-        normal[:, 0] = 0.0
-        changes = normal @ factors.swapaxes(1, 2)
-        return moved(self._states[rows, segments][:, None], changes)
-
-    def _equations(self, spreads: NDArray[np.float64]) -> SegmentEquations:
-        deviations = np.sqrt(np.einsum("akii->aki", self._covariances))
-        # A state that is new is spread as its link is.
-        first = np.broadcast_to(self.level * CHANGE_SPREADS, spreads[:, :1].shape)
-        new = np.concatenate([first, spreads[:, :-1]], axis=1)
-        deviations = np.where(deviations > 0.0, deviations, new)
-        return segment_equations(
-            self.throws,
-            self._states,
-            self.explained,
-            spreads,
-            deviations,
-            self.unit,
-            self.deviations,
-        )
-
-    def _step_parameters(self, eliminated: Elimination) -> NDArray[np.float64]:
+    def _step_parameters(self, eliminated: Sequence[Elimination]) -> NDArray[np.float64]:
         """Take a part of a Newton step of θ_s, and let links be more exact; return it (n,)."""
-        agreement = agreement_weights(self._prior, self.unit, [eliminated], self._weights)
+        agreement = agreement_weights(self._prior, self.unit, eliminated, self._weights)
         self._weights = self._given_weights * agreement
-        information, scores = reduced_equations(self._prior, self.unit, [eliminated], self._weights)
+        information, scores = reduced_equations(self._prior, self.unit, eliminated, self._weights)
         self._said = [
             LocalLikelihood(parameters, self.unit, each, score, 0.0)
+            for part in eliminated
             for parameters, each, score in zip(
-                eliminated.parameters, eliminated.information, eliminated.scores, strict=True
+                part.parameters, part.information, part.scores, strict=True
             )
         ]
         whole = bounded_step(self.unit, information, scores, 0.0)
@@ -243,29 +175,3 @@ class SegmentedFit:
         if whole @ information @ whole < SETTLED_DECREMENT * whole.size:
             self.level *= ANNEALING
         return step
-
-    def _step_states(
-        self,
-        equations: SegmentEquations,
-        eliminated: Elimination,
-        step: NDArray[np.float64],
-        spreads: NDArray[np.float64],
-    ) -> None:
-        """Take the best of several damped steps of the states of each throw."""
-        self._covariances = equations.covariances
-        worlds = self.throws.worlds([self.unit])
-        best = self._losses(worlds, spreads)
-        states = self._states.copy()
-        for damping in STATE_DAMPINGS:
-            gains, offsets = equations.solved(damping)
-            changes = np.clip(
-                -offsets - gains @ step,
-                -LARGEST_STATE_STEP * CHANGE_SPREADS,
-                LARGEST_STATE_STEP * CHANGE_SPREADS,
-            )
-            trying = moved(self._states, changes)
-            losses = self.throws.losses(worlds, trying, self._lengths, spreads)
-            better = losses.totals(self.explained) < best.totals(self.explained)
-            states[better] = trying[better]
-            best.take(losses, better)
-        self._states = states

@@ -140,8 +140,11 @@ class PathLosses:
 class SegmentedThrows:
     """A throws of the object of a fit, and the simulation of their segments.
 
+    `members` (A,) indices of these throws among the observations of the fit; None: all of them.
+
     Attributes
     ----------
+    members : (A,) as given
     points : of the segments
     seen : the same points, not cut
     radii : (A,) m, of the bounding spheres
@@ -150,24 +153,27 @@ class SegmentedThrows:
     simulations : of whole throws, so far
     """
 
-    def __init__(self, fit: JointFit, simulator: Simulator) -> None:
+    def __init__(
+        self, fit: JointFit, simulator: Simulator, members: NDArray[np.int64] | None = None
+    ) -> None:
         cost = fit.model.cost
-        observations = cost.observations
-        members = list(range(len(observations)))
+        count = len(cost.observations)
+        self.members = np.arange(count) if members is None else members
         neutral = StaticParameters.uniform(cost.materials)
-        group = packed(observations, members, neutral)
-        self.seen = SeenPoints.of(fit, group, np.array(members))
+        group = packed(cost.observations, self.members.tolist(), neutral)
+        self.seen = SeenPoints.of(fit, group, np.arange(self.members.size))
         self.points = SegmentPoints.of(self.seen)
         self._simulator, self._space = simulator, fit.model.space
         self._worlds = group.worlds
-        objects = [each.objects[0] for each in observations]
+        objects = [cost.observations[member].objects[0] for member in self.members]
         self.radii = np.array([each.object.shape.bounding_radius for each in objects])
         self.initial_states = np.array([each.initial_state.to_vector() for each in objects])
-        self.initial_precisions = np.full((len(observations), 12), EXACT_PRECISION)
+        initial_precisions = np.full((count, 12), EXACT_PRECISION)
         for block in fit.model.blocks:
             components = block.initial_states.components
             precisions = block.prior_deviations[:, : components.shape[1]] ** -2.0
-            self.initial_precisions[block.members[:, None], components] = precisions
+            initial_precisions[block.members[:, None], components] = precisions
+        self.initial_precisions = initial_precisions[self.members]
         self.simulations = 0.0
 
     @property

@@ -97,7 +97,7 @@ class ModelledScene:
             self._flights = FlightGravity(settings.gravity)
         self.hindsight = Hindsight()
         self.stages = Stages(model, settings, rng, _nearest_ranges(frames), self._space)
-        self.stages.prepare(frames[-1])
+        self.stages.prepare(frames)
         if settings.spin_from_surface:
             # The first ball that flies cannot wait for them.
             turn_tables(SEARCH_STEP)
@@ -327,7 +327,7 @@ def _revised_stages(
     revised = revised_environment(model, points, settings, rng)
     revised = with_static_boxes(revised, [points], settings, rng, model.environment.boxes)
     stages = Stages(revised, settings, rng, before, space)
-    stages.prepare(points)
+    stages.prepare([points])
     motion = sensor_motion_in(points, [points], revised, settings) if follows_sensor else None
     return stages, space.view([points], revised.sensor_pose), motion
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import cycle, islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,13 +72,13 @@ class Stages:
         """
         return self.static_boxes.without(points, self.foreground.find(points))
 
-    def prepare(self, points: NDArray[np.float32]) -> None:
+    def prepare(self, frames: Sequence[NDArray[np.float32]]) -> None:
         """Find where each pixel's ray meets a plane and the surfaces on which objects move, and
         search the first clusters: later frames need not wait for it.
 
-        `points` (height, width, 3) m, of a frame.
+        `frames` (height, width, 3) m each, from which the environment was modelled.
         """
         surfaces_of(self.model.environment)
-        for _ in range(FIRST_SEARCHES):
+        for points in islice(cycle(frames[::-1]), FIRST_SEARCHES):
             spheres = self.spheres.find(points, self.clusters(points))
             all_objects(points, spheres, self.solids)

@@ -16,6 +16,11 @@ of those that lie where it is known whether something was."""
 TELLING = 0.25
 """Part of a sphere's readings that must lie where that is known. Set by hand."""
 
+STAYED = 0.9
+"""Part of those that must lie where something was for it to have been there. Set by hand: of what
+stays, noise makes no reading new (`CHANGE_SIGMAS`), an edge a few in a hundred; of a small ball
+that has come near something far away, a tenth to a half are."""
+
 NEW_GOES_ON = 0.7
 """Part of the ring round its outline in which the cluster of a new sphere may go on: each ball of
 its size that it touches covers 0.15, a hand more."""
@@ -67,8 +72,9 @@ class Outline:
 
     Parameters
     ----------
-    new, known : parts of its readings that lie where nothing was before, and where something was;
-        None where nothing is known of the space
+    new, known, unknown : parts of its readings that lie where nothing was before, where something
+        was, and where nobody has looked, the rest of them on planes; None where nothing is known
+        of the space
     goes_on : part of the ring round its outline in which its cluster goes on
     level : part of the ring in which any surface goes on
     level_off_planes : the same for what is on no plane of the environment
@@ -81,6 +87,7 @@ class Outline:
 
     new: float | None
     known: float | None
+    unknown: float | None
     goes_on: float
     level: float
     level_off_planes: float
@@ -99,9 +106,16 @@ class Outline:
         return telling >= TELLING and self.new > NEW_READINGS * telling
 
     @property
+    def has_not_come(self) -> bool:
+        """Whether it is, as far as is known of the space, nothing that has come."""
+        return self.new is not None and not self.is_new
+
+    @property
     def was_there(self) -> bool:
-        """Whether most of it lies where something was before."""
-        return self.known is not None and self.known > 0.5
+        """Whether something was before where it lies, as far as that is known."""
+        if self.new is None or self.known is None or self.unknown is None:
+            return False
+        return self.known > STAYED * (self.new + self.known) and self.unknown <= 0.5
 
     def may_be_object(self, most_goes_on: float, *, is_object: bool) -> bool:
         """Return whether a sphere may be an object of its own and not a part of something larger.

@@ -462,6 +462,7 @@ class SphereFitter:
         return Outline(
             new=None if view.marks is None else seen.new,
             known=None if view.marks is None else seen.known,
+            unknown=None if view.marks is None else seen.unknown,
             goes_on=goes_on,
             level=seen.level,
             level_off_planes=seen.level_off_planes,

@@ -19,7 +19,7 @@ from intuitive_physics_perception.detection.sphere_fit import (
     passes_by,
     surface_error,
 )
-from intuitive_physics_perception.environment.known_space import KNOWN, NEW
+from intuitive_physics_perception.environment.known_space import BEHIND, KNOWN, NEW, UNKNOWN
 
 LATTICE = 0.15
 """Spacing, in radii, of the lattice over the outline on which seen places are marked. Set by
@@ -90,8 +90,8 @@ class OutlineView(NamedTuple):
     level_off_planes : the same for what is on no plane of the environment
     level_come : the same for what is not known to have stood there before
     ends : part of the ring's sectors in which what is read lies behind all that could go on
-    new, known : parts of the readings on the surface that lie where nothing was before, and where
-        something was
+    new, known, unknown : parts of the readings on the surface that lie where nothing was before,
+        where something was, and where nobody has looked; the rest lies on planes
     patches : (n_patches, 3) number of readings on the surface, mean of their distance outside it,
         m, and mean variance of that distance, m², by patch of the disc
     """
@@ -103,6 +103,7 @@ class OutlineView(NamedTuple):
     ends: float
     new: float
     known: float
+    unknown: float
     patches: Any
 
 
@@ -216,7 +217,7 @@ def look_round_outline(
     come = np.zeros(SECTORS, dtype=np.int64)
     total = np.zeros(SECTORS, dtype=np.int64)
     patches = np.zeros((PATCH_RINGS * SECTORS, 3))
-    new, known, on_surface = 0, 0, 0
+    marked = np.zeros(BEHIND + 1)
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         if passes_by(x, y, z, cx, cy, cz, outer * r):
@@ -230,9 +231,7 @@ def look_round_outline(
         if sine <= 1.0:
             if error * error > INLIER_SIGMAS**2 * variance or ahead < -BEHIND_SIGMAS * deviation:
                 continue
-            on_surface += 1
-            new += marks[i] == NEW
-            known += marks[i] == KNOWN
+            marked[marks[i]] += 1.0
             if sine < EDGE_PART:
                 # Rings of equal area: as many readings in each.
                 ring = int(sine * sine / (EDGE_PART * EDGE_PART) * PATCH_RINGS)
@@ -255,14 +254,16 @@ def look_round_outline(
         ends += 2 * near[k] <= total[k] and total[k] > 0
     for k in range(patches.shape[0]):
         patches[k, 1:] /= max(patches[k, 0], 1.0)
+    marked /= max(marked.sum(), 1.0)
     return OutlineView(
         same / np.maximum(total, 1),
         level / SECTORS,
         level_off_planes / SECTORS,
         level_come / SECTORS,
         ends / SECTORS,
-        new / max(on_surface, 1),
-        known / max(on_surface, 1),
+        marked[NEW],
+        marked[KNOWN],
+        marked[UNKNOWN] + marked[BEHIND],
         patches,
     )
 

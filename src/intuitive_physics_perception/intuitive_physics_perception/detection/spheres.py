@@ -28,7 +28,7 @@ from intuitive_physics_perception.detection.sphere_hypotheses import (
     Effort,
     SphereHypotheses,
 )
-from intuitive_physics_perception.detection.static_spheres import STATIC_SUCCESSES, StaticSpheres
+from intuitive_physics_perception.detection.static_spheres import StaticSpheres, evidence_of_looks
 from intuitive_physics_perception.detection.swept_sphere import passing_way
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.frame import Scan
@@ -170,10 +170,8 @@ class SphereFinder:
                 self._memory.postpone(memory, looked=is_search)
         budget.is_urgent = False
         self._memory.end_frame()
-        places = self._static.spheres
-        if len(places):
-            near = reached_by(flat, order, starts, places)[searched].any(axis=0)
-            self._static.take(near, [sphere for part in results for sphere in part.spheres])
+        near = reached_by(flat, order, starts, self._static.spheres)[searched].any(axis=0)
+        self._static.take(near, [sphere for part in results for sphere in part.spheres])
         return [self._without_static(part) for part in results]
 
     def find_expected(
@@ -203,7 +201,7 @@ class SphereFinder:
             sphere
             for sphere in part.spheres
             if sphere.outline is None
-            or not sphere.outline.was_there
+            or not sphere.outline.has_not_come
             or self._static.is_trusted(sphere)
         ]
         return replace(part, spheres=balls, rest=part.rest if balls else 1.0)
@@ -211,7 +209,8 @@ class SphereFinder:
     def _is_trusted(self, memory: RememberedCluster) -> bool:
         """Whether what was there when the environment was modelled has been a sphere in enough
         searches: a cluster that fits one only by its noise is none."""
-        return memory.successes >= STATIC_SUCCESSES * memory.searches
+        failures = memory.searches - memory.successes
+        return evidence_of_looks(memory.successes, failures) > 0.0
 
     @staticmethod
     def _effort(memory: RememberedCluster, may_search: bool) -> Effort:

@@ -1,9 +1,10 @@
-"""Places where what was there from the start looked like a sphere, and how often it did."""
+"""Places that stand still and looked like a sphere, and how often they did."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import lgamma
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,16 +12,28 @@ from numpy.typing import NDArray
 from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics_perception.detection.detections import DetectedSphere
 
-STATIC_SUCCESSES = 0.8
-"""Part of the searches in which what was there when the environment was modelled must be found to
-be a sphere; a ball is one in nearly all of them."""
-
-FEWEST_LOOKS = 5
-"""Searches of a place after which it is judged. Set by hand."""
+BALL_HITS = 49.0
+"""Looks in which a ball counts as found before its first one, against one in vain: its chance has
+the mean 0.98, as that of a ball to stand apart (`APART` in `existence`)."""
 
 DISTRUST_FRAMES = 300
-"""Frames for which a place that failed counts as no ball. Then its counts start again: a hand may
-have hidden a part of a ball. Set by hand."""
+"""Frames for which a place that failed counts as no ball. Then it begins as one where something was
+missed: a hand may have hidden a part of a ball. Set by hand."""
+
+
+def evidence_of_looks(hits: int, misses: int) -> float:
+    """Return the log of the likelihood ratio, nats, that something is a ball which was found to be
+    a sphere in some looks and in others not.
+
+    A ball is found with a chance p near one, of density k pᵏ⁻¹, k being `BALL_HITS`; what is none
+    with any chance.
+    """
+    ball = _log_beta(BALL_HITS + hits, 1.0 + misses) - _log_beta(BALL_HITS, 1.0)
+    return ball - _log_beta(1.0 + hits, 1.0 + misses)
+
+
+def _log_beta(a: float, b: float) -> float:
+    return lgamma(a) + lgamma(b) - lgamma(a + b)
 
 
 @dataclass(eq=False)
@@ -30,13 +43,13 @@ class StaticSphere:
     Parameters
     ----------
     sphere : (4,) m, centre and radius as found first, in the frame that stands still
-    looks, hits : in how many frames it was searched, and in how many a sphere was found there
+    misses, hits : looks in which no sphere was found there, and in which one was
     distrusted : frames for which it still counts as no ball
     """
 
     sphere: NDArray[np.float64]
-    looks: int = 0
-    hits: int = 0
+    misses: int
+    hits: int = 1
     distrusted: int = 0
 
     def take(self, *, looked: bool, hit: bool) -> None:
@@ -44,22 +57,30 @@ class StaticSphere:
         if self.distrusted:
             self.distrusted -= 1
             return
-        self.looks += looked
+        was_trusted = self.is_trusted
         self.hits += hit
-        if self.looks >= FEWEST_LOOKS and self.hits < STATIC_SUCCESSES * self.looks:
-            self.looks, self.hits, self.distrusted = 0, 0, DISTRUST_FRAMES
+        self.misses += looked and not hit
+        if was_trusted and not self.is_trusted:
+            self.misses, self.hits, self.distrusted = 1, 0, DISTRUST_FRAMES
+
+    @property
+    def is_trusted(self) -> bool:
+        """Whether it is more likely a ball than not."""
+        return not self.distrusted and evidence_of_looks(self.hits, self.misses) > 0.0
 
 
 class StaticSpheres:
-    """Knows the places where something that was there from the start was found to be a sphere.
+    """Knows the places where something that stands still was found to be a sphere.
 
     A part of something larger may fit one in every other frame: where it was taken for an object,
-    the next frame separates it from the rest, and it fits no more.
+    the next frame separates it from the rest, and it fits no more. So what is found first where an
+    earlier frame has shown something already was missed there.
     """
 
     def __init__(self) -> None:
         self._pose = RigidTransform()
         self._places: list[StaticSphere] = []
+        self._has_looked = False
 
     def look_from(self, pose: RigidTransform) -> None:
         """Take the pose of the sensor in a frame that stands still."""
@@ -82,14 +103,18 @@ class StaticSpheres:
         for place, was_searched in zip(self._places, looked, strict=True):
             hit = any(other is place for other in found)
             place.take(looked=hit or bool(was_searched), hit=hit)
+        for sphere, place in zip(spheres, found, strict=True):
+            outline = sphere.outline
+            if place is None and outline is not None and outline.has_not_come:
+                numbers = np.append(self._pose.points(sphere.center), sphere.radius)
+                was_missed = self._has_looked and outline.was_there
+                self._places.append(StaticSphere(numbers, int(was_missed)))
+        self._has_looked = True
 
     def is_trusted(self, sphere: DetectedSphere) -> bool:
-        """Return whether a sphere that was there from the start may be a ball."""
+        """Return whether a sphere of the last frame may be a ball."""
         place = self._place_of(sphere)
-        if place is None:
-            place = StaticSphere(np.append(self._pose.points(sphere.center), sphere.radius), 1, 1)
-            self._places.append(place)
-        return place.distrusted == 0
+        return place is None or place.is_trusted
 
     def _place_of(self, sphere: DetectedSphere) -> StaticSphere | None:
         """The place that a sphere's centre lies in."""

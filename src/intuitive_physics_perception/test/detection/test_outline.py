@@ -128,6 +128,15 @@ def test_a_whole_ball_that_was_there_is_found() -> None:
     assert all_are_found(spheres(shapes, shapes), [(center, radius)])
 
 
+def test_what_stays_and_was_no_ball_is_none_before_it_was_one_for_a_while() -> None:
+    """What looks like one in some frames by chance does so where it stands."""
+    center, radius = (0.0, 0.0, 1.0), 0.05
+    arms = [box(center, edges) for edges in ([0.3, 0.03, 0.03], [0.03, 0.3, 0.03])]
+    by_frame = spheres([*arms, ball(center, radius)], [ball(center, radius)], frames=20)
+    assert by_frame[:6] == [[]] * 6
+    assert all_are_found(by_frame[6:], [(center, radius)])
+
+
 @settings(max_examples=8, deadline=None)
 @given(
     radius=st.floats(0.03, 0.07),

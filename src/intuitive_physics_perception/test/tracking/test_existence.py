@@ -48,7 +48,7 @@ def seen(
     rng = np.random.default_rng(seed)
     patches = patches_of(curvature, noise, rng)
     bulge = bulge_of(patches, patches[:, 2], RADIUS)
-    outline = Outline(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, bulge)
+    outline = Outline(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, bulge)
     return DetectedSphere(
         np.array(place, dtype=float), RADIUS, 1e-6 * np.eye(4), 300, 1.0, outline=outline
     )

@@ -148,10 +148,11 @@ class ForegroundFinder:
             return marks, readings, is_known
         flat, is_known = points.reshape(-1, 3), self._map is not None
         before, readings = self._planes.readings_before(flat, continued=is_known)
-        marks = np.zeros(len(flat), dtype=np.uint8)
-        marks[before] = (
-            KNOWN if self._map is None else self._map.marks(flat[before], self._model.sensor_pose)
-        )
+        if self._map is not None:
+            marks = self._map.marks(flat, before, self._model.sensor_pose)
+        else:
+            marks = np.zeros(len(flat), dtype=np.uint8)
+            marks[before] = KNOWN
         return marks.reshape(points.shape[:2]), readings, is_known
 
     def _free_of(self, points: NDArray[np.float32]) -> NDArray[np.float32]:

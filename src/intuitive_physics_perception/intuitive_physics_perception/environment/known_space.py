@@ -219,11 +219,13 @@ def _judge(
     which it shows something, but not whether they are known or new.
     """
     count = 0
-    rays = np.empty((4, BLOCK), dtype=np.float32)
+    rays = np.empty((7, BLOCK), dtype=np.float32)
+    cells = np.empty(BLOCK, dtype=np.int64)
     found = np.empty(BLOCK, dtype=np.uint8)
     for first in range(0, left.size, BLOCK):
         some = left[first : first + BLOCK]
-        _look_up(rays, points, some, turn, shift, nearest, farthest)
+        _turn_into_view(rays, points, some, turn, shift)
+        _look_up(rays, cells, some.size, nearest, farthest)
         _compare(found, rays, some.size, noise, nearest.shape[1])
         for i in range(some.size):
             number = some[i]
@@ -238,25 +240,34 @@ def _judge(
 
 
 @kernel
-def _look_up(
-    rays: Any, points: Any, some: Any, turn: Any, shift: Any, nearest: Any, farthest: Any
-) -> None:
-    """Enter some readings into rays (4, size), a row each for the squares of the range and of the
-    distance from the view, and for the nearest and farthest range that this has in their direction.
-    """
-    ranges2, lengths2, nears, fars = rays[0], rays[1], rays[2], rays[3]
-    side = nearest.shape[1]
+def _turn_into_view(rays: Any, points: Any, some: Any, turn: Any, shift: Any) -> None:
+    """Enter some readings into rays (7, size), a row each for the coordinates in the frame of a
+    view, for the square of the range, and for that of the distance from the view."""
+    x, y, z, ranges2, lengths2 = rays[0], rays[1], rays[2], rays[3], rays[4]
     for i in range(some.size):
-        px, py, pz = points[some[i], 0], points[some[i], 1], points[some[i], 2]
-        x = turn[0, 0] * px + turn[0, 1] * py + turn[0, 2] * pz + shift[0]
-        y = turn[1, 0] * px + turn[1, 1] * py + turn[1, 2] * pz + shift[1]
-        z = turn[2, 0] * px + turn[2, 1] * py + turn[2, 2] * pz + shift[2]
+        x[i], y[i], z[i] = points[some[i], 0], points[some[i], 1], points[some[i], 2]
+    for i in range(some.size):
+        px, py, pz = x[i], y[i], z[i]
         ranges2[i] = px * px + py * py + pz * pz
-        lengths2[i] = x * x + y * y + z * z
-        nears[i], fars[i] = np.inf, -np.inf
-        if lengths2[i] > 0.0:
-            face, row, column = _cell(x, y, z, side)
-            nears[i], fars[i] = nearest[face, row, column], farthest[face, row, column]
+        x[i] = turn[0, 0] * px + turn[0, 1] * py + turn[0, 2] * pz + shift[0]
+        y[i] = turn[1, 0] * px + turn[1, 1] * py + turn[1, 2] * pz + shift[1]
+        z[i] = turn[2, 0] * px + turn[2, 1] * py + turn[2, 2] * pz + shift[2]
+        lengths2[i] = x[i] * x[i] + y[i] * y[i] + z[i] * z[i]
+
+
+@kernel
+def _look_up(rays: Any, cells: Any, n: int, nearest: Any, farthest: Any) -> None:
+    """Enter the nearest and the farthest range that a view has in the direction of each of n
+    readings into two more rows of rays, by cells (size,) in a row."""
+    x, y, z, lengths2, nears, fars = rays[0], rays[1], rays[2], rays[4], rays[5], rays[6]
+    side = nearest.shape[1]
+    for i in range(n):
+        face, row, column = _cell(x[i], y[i], z[i], side)
+        # What is read where the view was has no direction.
+        cells[i] = (face * side + row) * side + column if lengths2[i] > 0.0 else 0
+    flat_nearest, flat_farthest = nearest.reshape(-1), farthest.reshape(-1)
+    for i in range(n):
+        nears[i], fars[i] = flat_nearest[cells[i]], flat_farthest[cells[i]]
 
 
 @kernel
@@ -266,7 +277,7 @@ def _compare(found: Any, rays: Any, n: int, noise: Any, side: int) -> None:
 
     No branch, which the compiler turns into vector code.
     """
-    ranges2, lengths2, nears, fars = rays[0], rays[1], rays[2], rays[3]
+    ranges2, lengths2, nears, fars = rays[3], rays[4], rays[5], rays[6]
     steep = STEEPEST * CELLS_TOGETHER * 2.0 / side
     for i in range(n):
         near, far, length = nears[i], fars[i], np.sqrt(lengths2[i])
@@ -279,7 +290,7 @@ def _compare(found: Any, rays: Any, n: int, noise: Any, side: int) -> None:
         is_known = (length <= far + beyond) & ~is_between
         mark = BEHIND + (KNOWN - BEHIND) * is_known
         mark += (NEW - mark) * (length < near - before)
-        found[i] = mark * (near < np.inf)
+        found[i] = mark * ((near < np.inf) & (length > 0.0))
 
 
 @kernel

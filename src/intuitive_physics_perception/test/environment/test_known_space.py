@@ -80,6 +80,10 @@ def test_a_ray_was_free_up_to_what_was_read_on_it(depth, x, y, shift, angle) -> 
             assert found == KNOWN
 
 
+def test_what_is_read_where_a_view_was_is_unknown() -> None:
+    assert mark_of(space_of(wall_frame()), (0.0, 0.0, 0.0), RigidTransform((0, 0, -1))) == UNKNOWN
+
+
 def test_what_a_post_hides_is_unknown() -> None:
     space, here = space_of(wall_frame(post=True)), RigidTransform()
     elsewhere = RigidTransform((0.1, 0.0, 0.0))

@@ -73,12 +73,15 @@ def _leave_out_box(model: EnvironmentModel, points: NDArray[np.float32]) -> None
 
 
 def _look_from_elsewhere(frames: Sequence[NDArray[np.float32]]) -> None:
-    """Perceive frames of a sensor that has moved after the first one."""
+    """Perceive frames of a sensor that has moved after the first one, and that turns back at last,
+    where nobody has looked."""
     pipeline = PerceptionPipeline(
         PerceptionSettings(environment_frames=1), np.random.default_rng(0)
     )
     for k, points in enumerate(frames):
         pipeline.process(points, 0.1 * k, pose=RigidTransform((0.1 * k, 0.0, 0.0)))
+    back = RigidTransform((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+    pipeline.process(frames[-1], 0.1 * len(frames), pose=back)
 
 
 def _corner() -> NDArray[np.float64]:

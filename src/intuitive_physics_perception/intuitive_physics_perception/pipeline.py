@@ -439,7 +439,5 @@ class PerceptionPipeline:
 
 
 def _has_reading(points: NDArray[np.float32]) -> bool:
-    """Whether `points` (height, width, 3) m have any reading; in most frames every eighth column
-    has one, so that the others need not be looked at."""
-    depths = points[..., 2]
-    return bool(np.isfinite(depths[:, ::8]).any() or np.isfinite(depths).any())
+    """Whether `points` (height, width, 3) m have any reading: in most frames the first row has."""
+    return any(np.isfinite(row).any() for row in points[..., 2])

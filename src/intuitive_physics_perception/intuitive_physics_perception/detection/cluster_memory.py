@@ -157,7 +157,8 @@ class ClusterMemory:
         unseen = self._unseen[missing] + 1
         self._last, self._next = self._next + [self._last[k] for k in missing], []
         self._unseen = np.concatenate([np.zeros(len(self._last) - len(missing), np.int64), unseen])
-        self._centres = np.array([old.centre for old in self._last]).reshape(-1, 3)
+        centres = [np.zeros(0), *(old.centre for old in self._last)]
+        self._centres = np.concatenate(centres).reshape(-1, 3)
         self._counts = np.array([old.count for old in self._last], dtype=np.int64)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -58,11 +59,11 @@ class Clusters:
     readings: int
     marks: NDArray[np.uint8] | None = None
 
-    @property
+    @cached_property
     def in_a_row(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Indices (n,) of the points of all clusters, one after another, and where each begins in
         them, (number of clusters + 1,)."""
-        return _in_a_row(self.indices)
+        return in_a_row(self.indices)
 
     @property
     def unknown(self) -> int:
@@ -128,7 +129,10 @@ class ForegroundFinder:
             shown = self._objects[groups.ravel()[self._objects] > 0]
             groups.ravel()[shown], fresh.ravel()[shown] = NEW, True
         indices = self._clusters(points, groups)
-        new = is_known & _mostly(fresh.ravel(), *_in_a_row(indices))
+        new = np.zeros(len(indices), dtype=bool)
+        if is_known:
+            maybe = [k for k, part in enumerate(indices) if groups.ravel()[part[0]] == NEW]
+            new[maybe] = _mostly(fresh.ravel(), *in_a_row([indices[k] for k in maybe]))
         return Clusters(
             indices,
             new.tolist(),
@@ -148,10 +152,11 @@ class ForegroundFinder:
             return marks, readings, is_known
         flat, is_known = points.reshape(-1, 3), self._map is not None
         before, readings = self._planes.readings_before(flat, continued=is_known)
-        marks = np.zeros(len(flat), dtype=np.uint8)
-        marks[before] = (
-            KNOWN if self._map is None else self._map.marks(flat[before], self._model.sensor_pose)
-        )
+        if self._map is not None:
+            marks = self._map.marks(flat, before, self._model.sensor_pose)
+        else:
+            marks = np.zeros(len(flat), dtype=np.uint8)
+            marks[before] = KNOWN
         return marks.reshape(points.shape[:2]), readings, is_known
 
     def _free_of(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -184,10 +189,14 @@ class ForegroundFinder:
         return sorted(parts, key=len, reverse=True)
 
 
-def _in_a_row(
+def in_a_row(
     indices: Sequence[NDArray[np.int64]],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """As `Clusters.in_a_row`."""
+    """Return the indices (n,) of the points of some clusters, one after another, and where each
+    begins in them, (number of clusters + 1,).
+
+    `indices` (k,) of the points of each.
+    """
     starts = np.cumsum([0, *map(len, indices)], dtype=np.int64)
     return np.concatenate([np.zeros(0, dtype=np.int64), *indices]), starts
 

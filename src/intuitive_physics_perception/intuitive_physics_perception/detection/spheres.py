@@ -21,7 +21,7 @@ from intuitive_physics_perception.detection.fitted_sphere import (
     SphereFitter,
     Start,
 )
-from intuitive_physics_perception.detection.foreground import Clusters
+from intuitive_physics_perception.detection.foreground import Clusters, in_a_row
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.sphere_hypotheses import (
     SPHERES_IN_CLUSTER,
@@ -121,7 +121,7 @@ class SphereFinder:
         time. None has no end; `scan`: when the points were read; None: all are of one time.
         """
         budget = budget or FrameBudget()
-        results, searched = [], np.zeros(len(clusters.indices), dtype=bool)
+        results, searched = [], []
         left = len(clusters.indices) if searches is None else searches
         flat = points.reshape(-1, 3)
         order, starts = clusters.in_a_row
@@ -156,7 +156,7 @@ class SphereFinder:
                 self._memory.postpone(memory)
                 continue
             has_begun |= is_search
-            searched[k] = is_search
+            searched += [cluster] if is_search else []
             if inside.spheres or effort is Effort.RANDOM:
                 memory = memory.after_search(success=bool(inside.spheres))
             if inside.spheres:
@@ -170,7 +170,7 @@ class SphereFinder:
                 self._memory.postpone(memory, looked=is_search)
         budget.is_urgent = False
         self._memory.end_frame()
-        near = reached_by(flat, order, starts, self._static.spheres)[searched].any(axis=0)
+        near = reached_by(flat, *in_a_row(searched), self._static.spheres).any(axis=0)
         self._static.take(near, [sphere for part in results for sphere in part.spheres])
         return [self._without_static(part) for part in results]
 

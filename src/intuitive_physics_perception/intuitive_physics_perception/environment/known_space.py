@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
-from intuitive_physics.kernels import entry, kernel
+from intuitive_physics.kernels import allocating_entry, entry, kernel
 from intuitive_physics_perception.environment.noise import CHANGE_SIGMAS, RangeNoise
 
 KNOWN, NEW, UNKNOWN, BEHIND = 1, 2, 3, 4
@@ -26,6 +26,9 @@ any place near that of the view."""
 
 CELLS_TOGETHER = 3
 """Cells along a side of the square whose readings a cell holds."""
+
+BLOCK = 256
+"""Readings that are judged together: they fit into the nearest cache."""
 
 MOST_VIEWS = 8
 """Views that are kept, of which the one of the environment's model always is: bounds the time of a
@@ -121,19 +124,25 @@ class KnownSpace:
                 return
         self.take(view)
 
-    def marks(self, readings: NDArray[np.float32], pose: RigidTransform) -> NDArray[np.uint8]:
-        """Return what is known of where readings lie: KNOWN, NEW, UNKNOWN or BEHIND, (n,).
+    def marks(
+        self, points: NDArray[np.float32], before: NDArray[np.int64], pose: RigidTransform
+    ) -> NDArray[np.uint8]:
+        """Return what is known of where some readings of a frame lie: KNOWN, NEW, UNKNOWN or
+        BEHIND, 0 of all others, (n,).
 
-        `readings` (n, 3) m in the sensor's frame; `pose`: of the sensor.
+        `points` (n, 3) m in the sensor's frame; `before` (m,) indices of those readings; `pose`: of
+        the sensor.
         """
-        marks = np.full(len(readings), UNKNOWN, dtype=np.uint8)
+        marks = np.zeros(len(points), dtype=np.uint8)
+        marks[before] = UNKNOWN
+        left = before.copy()
         turned, shifted, here = pose.matrix, pose.translation, pose.inverse
         for view in reversed(self._views):
             turn = (view.turn @ turned).astype(np.float32)
             shift = (view.turn @ shifted + view.way.translation).astype(np.float32)
             undecided = BEHIND if view.is_from(here) else UNKNOWN
             seen = view.nearest, view.farthest
-            _judge(readings, turn, shift, *seen, self._noise, undecided, marks)
+            left = left[: _judge(points, left, turn, shift, *seen, self._noise, undecided, marks)]
         return marks
 
 
@@ -190,9 +199,10 @@ def _spread(
     return wide_nearest, wide_farthest
 
 
-@entry
+@allocating_entry
 def _judge(
-    readings: Any,
+    points: Any,
+    left: Any,
     turn: Any,
     shift: Any,
     nearest: Any,
@@ -200,42 +210,87 @@ def _judge(
     noise: Any,
     undecided: int,
     marks: Any,
-) -> None:
-    """Mark those readings (n, 3) m that are still UNKNOWN or BEHIND by one view.
+) -> int:
+    """Mark readings that no newer view has decided by one view; move those that it does not decide
+    either to the front of `left`, and return their number.
 
-    `turn` (3, 3) and `shift` (3,) m: into the frame of the view; `undecided` : mark of those in a
-    direction in which it shows something, but not whether they are known or new.
+    `points` (n, 3) m and `marks` (n,) of a frame, `left` (m,) indices of those readings; `turn` (3,
+    3) and `shift` (3,) m: into the frame of the view; `undecided` : mark of those in a direction in
+    which it shows something, but not whether they are known or new.
     """
+    count = 0
+    rays = np.empty((7, BLOCK), dtype=np.float32)
+    cells = np.empty(BLOCK, dtype=np.int64)
+    found = np.empty(BLOCK, dtype=np.uint8)
+    for first in range(0, left.size, BLOCK):
+        some = left[first : first + BLOCK]
+        _turn_into_view(rays, points, some, turn, shift)
+        _look_up(rays, cells, some.size, nearest, farthest)
+        _compare(found, rays, some.size, noise, nearest.shape[1])
+        for i in range(some.size):
+            number = some[i]
+            if found[i] == KNOWN or found[i] == NEW:
+                marks[number] = found[i]
+                continue
+            if found[i] == BEHIND and marks[number] == UNKNOWN:
+                marks[number] = undecided
+            left[count] = number
+            count += 1
+    return count
+
+
+@kernel
+def _turn_into_view(rays: Any, points: Any, some: Any, turn: Any, shift: Any) -> None:
+    """Enter some readings into rays (7, size), a row each for the coordinates in the frame of a
+    view, for the square of the range, and for that of the distance from the view."""
+    x, y, z, ranges2, lengths2 = rays[0], rays[1], rays[2], rays[3], rays[4]
+    for i in range(some.size):
+        x[i], y[i], z[i] = points[some[i], 0], points[some[i], 1], points[some[i], 2]
+    for i in range(some.size):
+        px, py, pz = x[i], y[i], z[i]
+        ranges2[i] = px * px + py * py + pz * pz
+        x[i] = turn[0, 0] * px + turn[0, 1] * py + turn[0, 2] * pz + shift[0]
+        y[i] = turn[1, 0] * px + turn[1, 1] * py + turn[1, 2] * pz + shift[1]
+        z[i] = turn[2, 0] * px + turn[2, 1] * py + turn[2, 2] * pz + shift[2]
+        lengths2[i] = x[i] * x[i] + y[i] * y[i] + z[i] * z[i]
+
+
+@kernel
+def _look_up(rays: Any, cells: Any, n: int, nearest: Any, farthest: Any) -> None:
+    """Enter the nearest and the farthest range that a view has in the direction of each of n
+    readings into two more rows of rays, by cells (size,) in a row."""
+    x, y, z, lengths2, nears, fars = rays[0], rays[1], rays[2], rays[4], rays[5], rays[6]
     side = nearest.shape[1]
-    for i in range(readings.shape[0]):
-        if marks[i] == KNOWN or marks[i] == NEW:
-            continue
-        px, py, pz = readings[i, 0], readings[i, 1], readings[i, 2]
-        x = turn[0, 0] * px + turn[0, 1] * py + turn[0, 2] * pz + shift[0]
-        y = turn[1, 0] * px + turn[1, 1] * py + turn[1, 2] * pz + shift[1]
-        z = turn[2, 0] * px + turn[2, 1] * py + turn[2, 2] * pz + shift[2]
-        length2 = x * x + y * y + z * z
-        if not length2 > 0.0:
-            continue
-        face, row, column = _cell(x, y, z, side)
-        near, far = nearest[face, row, column], farthest[face, row, column]
-        if not near < np.inf:
-            continue
-        length = np.sqrt(length2)
-        range2 = px * px + py * py + pz * pz
-        variance = _variance(range2, noise) + _variance(near * near, noise)
-        if length < near - CHANGE_SIGMAS * np.sqrt(variance):
-            marks[i] = NEW
-            continue
-        beyond = CHANGE_SIGMAS * np.sqrt(_variance(range2, noise) + _variance(far * far, noise))
+    for i in range(n):
+        face, row, column = _cell(x[i], y[i], z[i], side)
+        # What is read where the view was has no direction.
+        cells[i] = (face * side + row) * side + column if lengths2[i] > 0.0 else 0
+    flat_nearest, flat_farthest = nearest.reshape(-1), farthest.reshape(-1)
+    for i in range(n):
+        nears[i], fars[i] = flat_nearest[cells[i]], flat_farthest[cells[i]]
+
+
+@kernel
+def _compare(found: Any, rays: Any, n: int, noise: Any, side: int) -> None:
+    """Find n readings, as `_look_up` has them, KNOWN, NEW or BEHIND what the view shows in their
+    direction; 0 where it shows nothing.
+
+    No branch, which the compiler turns into vector code.
+    """
+    ranges2, lengths2, nears, fars = rays[3], rays[4], rays[5], rays[6]
+    steep = STEEPEST * CELLS_TOGETHER * 2.0 / side
+    for i in range(n):
+        near, far, length = nears[i], fars[i], np.sqrt(lengths2[i])
+        variance = _variance(ranges2[i], noise)
+        before = CHANGE_SIGMAS * np.sqrt(variance + _variance(near * near, noise))
+        beyond = CHANGE_SIGMAS * np.sqrt(variance + _variance(far * far, noise))
         # Between the two sides of an edge it is unsure whether a ray passed.
-        is_edge = far - near > STEEPEST * CELLS_TOGETHER * 2.0 / side * near
-        if length <= far + beyond and not (
-            is_edge and length > near + CHANGE_SIGMAS * np.sqrt(variance) and length < far - beyond
-        ):
-            marks[i] = KNOWN
-        elif marks[i] == UNKNOWN:
-            marks[i] = undecided
+        is_edge = far - near > steep * near
+        is_between = is_edge & (length > near + before) & (length < far - beyond)
+        is_known = (length <= far + beyond) & ~is_between
+        mark = BEHIND + (KNOWN - BEHIND) * is_known
+        mark += (NEW - mark) * (length < near - before)
+        found[i] = mark * ((near < np.inf) & (length > 0.0))
 
 
 @kernel

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.kernels import entry
+from intuitive_physics.kernels import allocating_entry, entry
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.plane_openings import OpeningMask
 from intuitive_physics_perception.environment.plane_relief import PlaneRelief, fitted_relief
@@ -128,10 +128,7 @@ class DetectedPlane:
     @cached_property
     def _sides(self) -> NDArray[np.float64]:
         """Half-spaces (n, 4), outward · p ≤ bound in m, of points p in the hull."""
-        along = np.roll(self.hull, -1, axis=0) - self.hull
-        outward = np.cross(along, self.normal)
-        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-        return np.column_stack([outward, (outward * self.hull).sum(axis=1)])
+        return np.asarray(_sides_of(self.hull, self.normal))
 
     @property
     def hull_cones(self) -> NDArray[np.float64]:
@@ -152,6 +149,22 @@ class DetectedPlane:
         inside = np.empty(len(places), dtype=bool)
         _mark_inside(places, self._sides, inside)
         return inside if self.openings is None else inside & ~self.openings.holds(places)
+
+
+@allocating_entry
+def _sides_of(hull: Any, normal: Any) -> Any:
+    """Return the half-spaces (n, 4), outward · p ≤ bound in m, between the corners of a hull (n, 3)
+    m, counter-clockwise seen against the normal (3,)."""
+    sides = np.empty((hull.shape[0], 4))
+    for k in range(hull.shape[0]):
+        corner, following = hull[k], hull[(k + 1) % hull.shape[0]]
+        along, outward = following - corner, sides[k, :3]
+        for a in range(3):
+            b, c = (a + 1) % 3, (a + 2) % 3
+            outward[a] = along[b] * normal[c] - along[c] * normal[b]
+        outward /= np.sqrt(outward[0] ** 2 + outward[1] ** 2 + outward[2] ** 2)
+        sides[k, 3] = outward[0] * corner[0] + outward[1] * corner[1] + outward[2] * corner[2]
+    return sides
 
 
 @entry

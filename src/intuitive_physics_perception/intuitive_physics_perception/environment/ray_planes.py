@@ -182,9 +182,9 @@ def _readings_before(points: Any, arrays: Any, continued: bool) -> tuple[Any, in
             _rise(rays, n, reliefs[k])
             if _mark_reached(inside, rays, n, planes[k]) > 0:
                 sides = cones[starts[k] : starts[k + 1]]
-                _leave_sides(inside, rays, n, sides)
-                _leave_openings(inside, rays, n, planes[k], cells, grids[k], shapes[k])
-                n = _keep_outside(inside, rays, numbers, n)
+                if _leave_sides(inside, rays, n, sides) > 0:
+                    _leave_openings(inside, rays, n, planes[k], cells, grids[k], shapes[k])
+                    n = _keep_outside(inside, rays, numbers, n)
         kept[count : count + n] = numbers[:n]
         count += n
     return kept[:count].copy(), readings
@@ -197,7 +197,7 @@ def _enter_readings(
     """Enter n readings into rays (6, size), a row each for the three coordinates, the square of the
     range and the variance, and their numbers (size,); mark those out of range, and return how many
     are in it."""
-    x, y, z, ranges2, variances, _ = rays
+    x, y, z, ranges2, variances = rays[0], rays[1], rays[2], rays[3], rays[4]
     for i in range(n):
         x[i], y[i], z[i] = points[first + i, 0], points[first + i, 1], points[first + i, 2]
         numbers[i] = first + i
@@ -216,7 +216,7 @@ def _enter_readings(
 @kernel
 def _turn_to_rays(rays: Any, n: int) -> None:
     """Let n readings be rays, with direction and range in place of coordinates and range²."""
-    x, y, z, ranges, _, _ = rays
+    x, y, z, ranges = rays[0], rays[1], rays[2], rays[3]
     for i in range(n):
         ranges[i] = np.sqrt(ranges[i])
         x[i], y[i], z[i] = x[i] / ranges[i], y[i] / ranges[i], z[i] / ranges[i]
@@ -246,7 +246,7 @@ def _mark_near(inside: Any, rays: Any, n: int, plane: Any, relief: Any) -> None:
 @kernel
 def _mark_reached(inside: Any, rays: Any, n: int, plane: Any) -> int:
     """Mark those of n readings that lie on a plane or behind it; return their number."""
-    x, y, z, ranges, variances, rises = rays
+    x, y, z, ranges, variances, rises = rays[0], rays[1], rays[2], rays[3], rays[4], rays[5]
     a, b, c, offset, sigmas2, tolerance2 = plane
     reached = 0
     for i in range(n):
@@ -260,13 +260,20 @@ def _mark_reached(inside: Any, rays: Any, n: int, plane: Any) -> int:
 
 
 @kernel
-def _leave_sides(inside: Any, rays: Any, n: int, cones: Any) -> None:
-    """Unmark those of n rays that are out of a hull's half-spaces (m, 4)."""
+def _leave_sides(inside: Any, rays: Any, n: int, cones: Any) -> int:
+    """Unmark those of n rays that are out of a hull's half-spaces (m, 4); return how many are
+    left."""
     x, y, z = rays[0], rays[1], rays[2]
+    left = n
     for j in range(cones.shape[0]):
+        if left == 0:
+            break
         a, b, c, bound = cones[j]
+        left = 0
         for i in range(n):
             inside[i] &= x[i] * a + y[i] * b + z[i] * c <= bound
+            left += inside[i]
+    return left
 
 
 @kernel
@@ -297,7 +304,7 @@ def _keep_outside(inside: Any, rays: Any, numbers: Any, n: int) -> int:
 @kernel
 def _rise(rays: Any, n: int, relief: Any) -> None:
     """Set the heights, as of `PlaneRelief`, of a surface where n readings stand over it."""
-    x, y, z, ranges, _, rises = rays
+    x, y, z, ranges, rises = rays[0], rays[1], rays[2], rays[3], rays[5]
     rises[:n] = 0.0
     if _is_flat(relief):
         return

@@ -293,12 +293,14 @@ class StaticBoxFilter:
             return clusters
         order, starts = clusters.in_a_row
         model, settings = self._model, self._settings
-        new = np.array(clusters.new, dtype=bool)
+        allowed = settings.min_points + STRAY_FRACTION * np.diff(starts)
+        # What is new is no box from the start, wherever it lies.
+        allowed[clusters.new] = 0.0
         out, extents = _outside_boxes(
             points.reshape(-1, 3),
             order,
             starts,
-            new,
+            allowed,
             (model.rotation, model.translation),
             (*model.noise.squares[:3], settings.plane_tolerance, settings.plane_sigmas),
             self._centers,
@@ -307,8 +309,9 @@ class StaticBoxFilter:
         )
         diagonals = 2.0 * np.linalg.norm(self._halves, axis=1)
         fills = (extents > FILLED_DIAGONAL * diagonals).any(axis=1)
-        allowed = settings.min_points + STRAY_FRACTION * np.diff(starts)
-        there = fills & (out < allowed) & ~new
+        there = fills & (out < allowed)
+        if not there.any():
+            return clusters
         kept = np.flatnonzero(~there)
         return replace(
             clusters,
@@ -322,7 +325,7 @@ def _outside_boxes(
     points: Any,
     order: Any,
     starts: Any,
-    new: Any,
+    allowed: Any,
     pose: Any,
     limits: Any,
     centers: Any,
@@ -330,8 +333,8 @@ def _outside_boxes(
     halves: Any,
 ) -> tuple[Any, Any]:
     """Number (n,) of points of each cluster in no box, give or take a margin, as every one of a few
-    tells it, and the diagonal (n, n_boxes) of what lies in each box, along its axes; m. Both are 0
-    of what is `new` (n,): that is no box from the start, wherever it lies.
+    tells it, and the diagonal (n, n_boxes) of what lies in each box, along its axes; m. Both of
+    those that are looked at before as many are in no box as are `allowed` (n,) in what is a box.
 
     `points` (m, 3) m; `order` and `starts` as in `Clusters.in_a_row`; `pose`: rotation (3, 3) and
     translation (3,) m to the boxes' frame; `limits`: squares of the noise's parameters, tolerance
@@ -343,11 +346,11 @@ def _outside_boxes(
     low, high = np.empty(centers.shape), np.empty(centers.shape)
     local, place = np.empty(3), np.empty(3)
     for n in range(starts.size - 1):
-        if new[n]:
-            continue
         low[:], high[:] = np.inf, -np.inf
         every = (starts[n + 1] - starts[n]) // CHECKED_POINTS + 1
         for i in range(starts[n], starts[n + 1], every):
+            if out[n] >= allowed[n]:
+                break
             x, y, z = points[order[i], 0], points[order[i], 1], points[order[i], 2]
             range2 = x * x + y * y + z * z
             deviation = np.sqrt(min(limits[0] + limits[1] * range2 * range2, limits[2]))

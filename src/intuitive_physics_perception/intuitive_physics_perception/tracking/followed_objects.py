@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics.kernels import entry
 from intuitive_physics.scene import Environment
 from intuitive_physics_perception.appearance.sphere_image import sphere_image
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
@@ -56,11 +58,10 @@ class FollowedObjects:
         `points` (height, width, 3) m, of the frame; `model` as the sensor sees it. Returns the same
         (height, width, 3).
         """
-        cleared = points.copy()
-        for track in self.tracker.tracks:
-            centre = model.to_sensor(track.mean[POSITION])
-            reach = track.scene_object(self._settings).shape.bounding_radius + MARGIN
-            cleared[np.linalg.norm(points - centre, axis=2) < reach] = np.nan
+        cleared, tracks = points.copy(), self.tracker.tracks
+        centres = np.array([model.to_sensor(track.mean[POSITION]) for track in tracks])
+        radii = [track.scene_object(self._settings).shape.bounding_radius for track in tracks]
+        _clear_about(cleared.reshape(-1, 3), centres.reshape(-1, 3), np.array(radii) + MARGIN)
         return cleared
 
     def look_at_surfaces(
@@ -105,3 +106,15 @@ def _averaged_sphere(track: Track, step: FilterStep, detected: DetectedSphere) -
         radius=float(step.mean[RADIUS]),
         covariance=step.covariance[np.ix_(PLACED, PLACED)] + track.systematic,
     )
+
+
+@entry
+def _clear_about(points: Any, centres: Any, reaches: Any) -> None:
+    """Let those of points (n, 3) m be NaN that are nearer to one of some centres (k, 3) m than its
+    reach (k,) m."""
+    for k in range(reaches.size):
+        a, b, c = centres[k]
+        for i in range(points.shape[0]):
+            x, y, z = points[i, 0] - a, points[i, 1] - b, points[i, 2] - c
+            if x * x + y * y + z * z < reaches[k] ** 2:
+                points[i] = np.nan

@@ -50,7 +50,7 @@ def space_of(*frames: NDArray[np.float32]) -> KnownSpace:
 def mark_of(space: KnownSpace, place: tuple[float, float, float], pose: RigidTransform) -> int:
     """Mark of a reading at a place of the frame that stands still."""
     reading = pose.inverse.points(np.array([place])).astype(np.float32)
-    return int(space.marks(reading, pose)[0])
+    return int(space.marks(reading, np.array([0]), pose)[0])
 
 
 @settings(max_examples=200, deadline=None)
@@ -80,6 +80,10 @@ def test_a_ray_was_free_up_to_what_was_read_on_it(depth, x, y, shift, angle) -> 
             assert found == KNOWN
 
 
+def test_what_is_read_where_a_view_was_is_unknown() -> None:
+    assert mark_of(space_of(wall_frame()), (0.0, 0.0, 0.0), RigidTransform((0, 0, -1))) == UNKNOWN
+
+
 def test_what_a_post_hides_is_unknown() -> None:
     space, here = space_of(wall_frame(post=True)), RigidTransform()
     elsewhere = RigidTransform((0.1, 0.0, 0.0))
@@ -99,6 +103,21 @@ def test_the_newest_view_tells(last, mark) -> None:
     assert mark_of(space, (0.0, 0.0, 0.5 * WALL), RigidTransform()) == mark
 
 
+@given(seed=st.integers(0, 10_000))
+def test_each_reading_of_a_frame_is_marked_as_it_is_alone(seed) -> None:
+    """Whichever are asked for, and whichever of two views from two places decides; others get 0."""
+    rng = np.random.default_rng(seed)
+    space, aside = space_of(wall_frame()), RigidTransform((0.5, 0.1, 0.0))
+    space.take(space.view([wall_frame(post=True)], aside))
+    frame = (wall_frame(post=bool(seed % 2)).reshape(-1, 3) * rng.uniform(0.3, 1.7)).astype("f4")
+    frame = frame[rng.random(len(frame)) < 0.01]
+    before = np.flatnonzero(rng.random(len(frame)) < 0.5)
+    expected = np.zeros(len(frame), dtype=np.uint8)
+    for k in before:
+        expected[k] = space.marks(frame[k : k + 1], np.array([0]), aside)[0]
+    assert space.marks(frame, before, aside).tolist() == expected.tolist()
+
+
 def test_the_first_view_stays_however_many_come() -> None:
     space = space_of(wall_frame())
     behind = RigidTransform((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
@@ -116,7 +135,7 @@ def test_frames_that_differ_fill_each_other() -> None:
     for part in parts:
         space.fill(space.view([part[None]], RigidTransform()))
     before = (0.5 * frame).astype(np.float32)
-    assert (space.marks(before, RigidTransform()) == NEW).all()
+    assert (space.marks(before, np.arange(len(before)), RigidTransform()) == NEW).all()
 
 
 def test_what_is_known_stays_where_a_view_is_filled() -> None:

@@ -91,3 +91,24 @@ def test_only_readings_off_a_plane_lie_before_it_wherever_it_ends(corner_model, 
     spread = SETTINGS.plane_sigmas * model.noise.deviation(ranges[kept])
     assert (np.abs(distances) > np.hypot(spread, SETTINGS.plane_tolerance) - 1e-4).all()
     assert 0 < len(kept) < readings
+
+
+@given(seed=st.integers(0, 10_000), sag=st.sampled_from([0.0, 0.02]))
+def test_a_reading_lies_before_all_planes_up_to_the_free_range_of_its_ray(
+    corner_model, seed, sag
+) -> None:
+    model, rng = corner_model[1], np.random.default_rng(seed)
+    first, *others = model.detected
+    axes = np.linalg.svd(first.normal[None])[2][1:].T
+    bowl = PlaneRelief(first.hull.mean(axis=0), axes, np.array([0.0, 0.0, 0.0, sag, 0.0, sag]))
+    planes = RayPlanes(
+        [replace(first, relief=bowl if sag else None), *others], model.noise, SETTINGS
+    )
+    points = (rng.normal(size=(2000, 3)) + [0.0, 0.0, 2.0]).astype(np.float32)
+    ranges, free = np.linalg.norm(points, axis=1), planes.free_ranges(points)
+    in_range = (ranges >= SETTINGS.min_range) & (ranges <= SETTINGS.max_range)
+    is_before = np.zeros(len(points), dtype=bool)
+    is_before[planes.readings_before(points)[0]] = True
+    differ = is_before != (in_range & (ranges < free))
+    assert not (differ & (np.abs(ranges - free) > 1e-3)).any()
+    assert 0 < is_before.sum() < in_range.sum()

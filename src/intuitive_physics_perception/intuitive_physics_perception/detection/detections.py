@@ -107,15 +107,15 @@ class Outline:
 
     @property
     def has_not_come(self) -> bool:
-        """Whether it is, as far as is known of the space, nothing that has come."""
-        return self.new is not None and not self.is_new
+        """Whether it is, as far as that is known, nothing that has come."""
+        return self.unknown is not None and self.unknown <= 0.5 and not self.is_new
 
     @property
     def was_there(self) -> bool:
         """Whether something was before where it lies, as far as that is known."""
-        if self.new is None or self.known is None or self.unknown is None:
+        if self.new is None or self.known is None:
             return False
-        return self.known > STAYED * (self.new + self.known) and self.unknown <= 0.5
+        return self.has_not_come and self.known > STAYED * (self.new + self.known)
 
     def may_be_object(self, most_goes_on: float, *, is_object: bool) -> bool:
         """Return whether a sphere may be an object of its own and not a part of something larger.

@@ -103,9 +103,9 @@ class StaticSpheres:
         for place, was_searched in zip(self._places, looked, strict=True):
             hit = any(other is place for other in found)
             place.take(looked=hit or bool(was_searched), hit=hit)
-        for sphere, place in zip(spheres, found, strict=True):
+        for sphere, known_place in zip(spheres, found, strict=True):
             outline = sphere.outline
-            if place is None and outline is not None and outline.has_not_come:
+            if known_place is None and outline is not None and outline.has_not_come:
                 numbers = np.append(self._pose.points(sphere.center), sphere.radius)
                 was_missed = self._has_looked and outline.was_there
                 self._places.append(StaticSphere(numbers, int(was_missed)))

@@ -43,7 +43,14 @@ FEWEST_IN_SEGMENTS = 4
 
 @dataclass(frozen=True, eq=False)
 class FitOf:
-    """A fit of some observations (n_members,) over some parameters (k,), both by index."""
+    """A fit of some observations over some parameters.
+
+    Parameters
+    ----------
+    members : (n_members,) indices of the observations
+    parameters : (k,) indices of the parameters
+    fit : of these
+    """
 
     members: NDArray[np.int64]
     parameters: NDArray[np.int64]
@@ -51,7 +58,10 @@ class FitOf:
 
     @staticmethod
     def of(task: FitTask, members: NDArray[np.int64]) -> FitOf:
-        """Return a fit of some observations of a task, over the parameters that they depend on."""
+        """Return a fit of some observations of a task, over the parameters that they depend on.
+
+        `members` (n_members,) indices of the observations.
+        """
         parameters = np.flatnonzero(task.influence[members].any(axis=0))
         fit = JointFit(task.part(members, parameters), JointEstimationSettings())
         return FitOf(members, parameters, fit)

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner import ConvergenceCriteria, TrajectoryCost
 from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
-from intuitive_physics_learner.joint_search import staged_fit
+from intuitive_physics_learner.joint_search import separate_fits
 from intuitive_physics_learner.joint_search.joint_search import JointSearch
-from intuitive_physics_learner.joint_search.staged_fit import StagedFit, tumbles
+from intuitive_physics_learner.joint_search.separate_fits import tumbles
+from intuitive_physics_learner.joint_search.staged_fit import StagedFit
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.segmented_estimation.continuations import MOTIONS, Continuations
@@ -220,7 +221,7 @@ def staged(task, simulator):
 
 @pytest.fixture
 def few_steps(monkeypatch):
-    monkeypatch.setattr(staged_fit, "SEPARATE_STEPS", 8)
+    monkeypatch.setattr(separate_fits, "SEPARATE_STEPS", 8)
 
 
 @pytest.mark.parametrize("stopped_after", [5, 11, 60])

@@ -14,8 +14,9 @@ from intuitive_physics_learner import TrajectoryCost
 from intuitive_physics_learner.cost.wrapped_costs import PartialCost
 from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_search import staged_fit
-from intuitive_physics_learner.joint_search.staged_fit import StagedFit, separable
+from intuitive_physics_learner.joint_search import separate_fits, staged_fit
+from intuitive_physics_learner.joint_search.separate_fits import separable
+from intuitive_physics_learner.joint_search.staged_fit import StagedFit
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask
 from intuitive_physics_learner.search.search_space import ActiveSpace
@@ -27,7 +28,7 @@ STEPS, TOGETHER = 4, 3
 
 @pytest.fixture(autouse=True)
 def few_steps(monkeypatch):
-    monkeypatch.setattr(staged_fit, "SEPARATE_STEPS", STEPS)
+    monkeypatch.setattr(separate_fits, "SEPARATE_STEPS", STEPS)
     monkeypatch.setattr(staged_fit, "TOGETHER_STEPS", TOGETHER)
 
 
@@ -162,7 +163,7 @@ def test_collisions_are_fitted_with_what_the_separate_fits_say(task):
     for _ in range(STEPS):
         staged.step()
     prior = task.fit_task.prior
-    for part in staged._separate:
+    for part in staged._separate.parts:
         said = Gaussian.nothing(part.fit.unit.size).plus(part.fit.likelihoods(), part.fit.weights)
         prior = prior.joined(said.among(part.parameters, prior.mean.size))
     members = np.array(several(task))
@@ -192,7 +193,7 @@ def test_a_stopped_fit_continues_exactly(task, stopped):
 
 
 def test_fits_jointly_from_the_beginning_where_few_moved_alone(task, monkeypatch):
-    monkeypatch.setattr(staged_fit, "SMALLEST_SEPARATE_SHARE", 1.0)
+    monkeypatch.setattr(separate_fits, "SMALLEST_SEPARATE_SHARE", 1.0)
     jointly = fit_of(task)
     jointly.step()
     assert jointly.joint.steps == 1

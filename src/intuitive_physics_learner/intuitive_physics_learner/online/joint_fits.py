@@ -19,7 +19,8 @@ from intuitive_physics_learner.joint_estimation.several_starts import (
     STARTS,
     drawn_starts,
 )
-from intuitive_physics_learner.joint_search.staged_fit import StagedFit, tumbles
+from intuitive_physics_learner.joint_search.separate_fits import tumbles
+from intuitive_physics_learner.joint_search.staged_fit import StagedFit
 from intuitive_physics_learner.online.change_point import change_probability
 from intuitive_physics_learner.online.lone_fit import LARGEST_ADVANCE
 from intuitive_physics_learner.online.memory import RECENT, age_weight

@@ -120,7 +120,7 @@ def test_the_true_motion_leaves_noise_alone(single, event_driven, seen, true_uni
 
 
 def test_throws_have_nothing_to_do_with_each_other(single, event_driven, seen, true_unit):
-    """Given θ_s, what some leave unexplained is what they do among all."""
+    """Given θ_s, the losses of some throws are the same simulated alone and with all others."""
     members = np.array([2, 5, 11])
     whole = SegmentedThrows(single, event_driven)
     part = SegmentedThrows(single, event_driven, members)

@@ -31,8 +31,8 @@ from intuitive_physics_learner.segmented_estimation.segmented_fit import (
 )
 
 EVALUATED_SHARE = 0.05
-"""Share of the simulations of a fit up to which J is evaluated again, which only tells how the fit
-gets on; set by hand."""
+"""Simulations for J, as a share of those of a fit, above which J is not evaluated after a step: it
+only shows the progress of the fit; set by hand."""
 
 LARGEST_MISFIT_SHARE = 0.3
 """Mean share of observations with a misfit above which the simulation must lack an effect: just
@@ -146,7 +146,7 @@ class JointSearch(Search):
             self._misfits = [*self._misfits, self.fit.misfits][-MISFIT_STEPS:]
             enough = len(self._misfits) == MISFIT_STEPS or self._staged.settled
             if enough and np.mean(self._misfits) > LARGEST_MISFIT_SHARE:
-                self._evaluate()
+                self._evaluate_present()
                 self._descent.take_best(np.array([self._begin, self._lowest]))
         return self.iterations - before
 
@@ -164,8 +164,7 @@ class JointSearch(Search):
         if not self.fits_trajectories:
             return
         self._staged.conclude()
-        if (self.fit.unit != self._evaluated).any():
-            self._evaluate()
+        self._evaluate_present()
 
     def keep_start(self, task: LearningTask) -> bool:
         if not self.lowers_cost:
@@ -223,6 +222,11 @@ class JointSearch(Search):
         if self._evaluations * self._motions > EVALUATED_SHARE * self._staged.simulations:
             self._count(self.best_cost)
         else:
+            self._evaluate()
+
+    def _evaluate_present(self) -> None:
+        """Evaluate J of the estimate unless that was done."""
+        if (self.fit.unit != self._evaluated).any():
             self._evaluate()
 
     def _evaluate(self) -> None:

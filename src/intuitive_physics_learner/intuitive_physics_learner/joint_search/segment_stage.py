@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from operator import methodcaller
 from typing import Any
 
@@ -17,15 +17,6 @@ from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import NEGLIGIBLE_WEIGHT, FitTask
 from intuitive_physics_learner.search.plain_state import Resumable
 from intuitive_physics_learner.segmented_estimation.segmented_fit import SegmentedFit
-
-
-@dataclass(frozen=True, eq=False)
-class _SegmentsOf:
-    """A fit in segments of some observations (n_members,) over some parameters (k,), by index."""
-
-    members: NDArray[np.int64]
-    parameters: NDArray[np.int64]
-    fit: SegmentedFit
 
 
 class SegmentStage(Resumable):
@@ -44,7 +35,7 @@ class SegmentStage(Resumable):
 
     def __init__(self, in_segments: Callable[[JointFit], SegmentedFit | None] | None) -> None:
         self._in_segments = in_segments
-        self._fits: list[_SegmentsOf] = []
+        self._fits: list[tuple[FitOf, SegmentedFit]] = []
         self.steps, self.ended = 0, in_segments is None
         self._simulations_before = 0.0
         self._known: list[dict[str, Any]] = []
@@ -62,13 +53,13 @@ class SegmentStage(Resumable):
     @property
     def simulations(self) -> float:
         """Simulations of single observations so far."""
-        return self._simulations_before + sum(part.fit.simulations for part in self._fits)
+        return self._simulations_before + sum(fit.simulations for _, fit in self._fits)
 
     @property
     def members(self) -> NDArray[np.int64]:
         """Indices (n,) of the observations that are being fitted."""
         none = np.zeros(0, dtype=np.int64)
-        return np.concatenate([none, *(part.members for part in self._fits)])
+        return np.concatenate([none, *(part.members for part, _ in self._fits)])
 
     def begin(self, fits: Sequence[FitOf]) -> None:
         """Go on in segments from those of the fits whose objects tumble; else it has ended."""
@@ -77,22 +68,22 @@ class SegmentStage(Resumable):
             if self._in_segments is not None and tumbles(part.fit):
                 begun = self._in_segments(part.fit)
             if begun is not None:
-                self._fits.append(_SegmentsOf(part.members, part.parameters, begun))
+                self._fits.append((part, begun))
         self.ended = not self._fits
 
     def step(self, threads: int) -> bool:
         """Take a step of each fit; return whether all have finished."""
         self.steps += 1
-        going = [part.fit for part in self._fits if not part.fit.finished]
+        going = [fit for _, fit in self._fits if not fit.finished]
         mapped_in_shares(methodcaller("step"), going, threads)
-        return all(part.fit.finished for part in self._fits)
+        return all(fit.finished for _, fit in self._fits)
 
     def end(self) -> None:
         """Keep what the fits say; one that has not got far enough is left out."""
-        for part in self._fits:
-            self._simulations_before += part.fit.simulations
-            if part.fit.usable:
-                said = part.fit.knowledge()
+        for part, fit in self._fits:
+            self._simulations_before += fit.simulations
+            if fit.usable:
+                said = fit.knowledge()
                 self._known.append(
                     {
                         "members": part.members.tolist(),

@@ -71,8 +71,7 @@ class StagedFit(Resumable):
         self._ahead = replace(settings, scan_steps=()) if has_parts else settings
         self.jointly = SeveralStarts(task, self._ahead, starts[:1] if has_parts else starts)
         self._lone_group = not has_parts and all_alone(task.cost.observations)
-        self._segments = SegmentStage(in_segments)
-        self._segments.ended |= not (has_parts or self._lone_group)
+        self._segments = SegmentStage(in_segments if has_parts or self._lone_group else None)
         self._together: FitOf | None = None
         self._together_ended = not (has_parts and self._separate.others.any())
         self._simulations_before = 0.0

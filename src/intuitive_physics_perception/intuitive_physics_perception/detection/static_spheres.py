@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import lgamma
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import betaln
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics_perception.detection.detections import DetectedSphere
@@ -28,12 +28,8 @@ def evidence_of_looks(hits: int, misses: int) -> float:
     A ball is found with a chance p near one, of density k pᵏ⁻¹, k being `BALL_HITS`; what is none
     with any chance.
     """
-    ball = _log_beta(BALL_HITS + hits, 1.0 + misses) - _log_beta(BALL_HITS, 1.0)
-    return ball - _log_beta(1.0 + hits, 1.0 + misses)
-
-
-def _log_beta(a: float, b: float) -> float:
-    return lgamma(a) + lgamma(b) - lgamma(a + b)
+    ball = betaln(BALL_HITS + hits, 1.0 + misses) - betaln(BALL_HITS, 1.0)
+    return float(ball - betaln(1.0 + hits, 1.0 + misses))
 
 
 @dataclass(eq=False)

@@ -332,9 +332,10 @@ def _outside_boxes(
     rotations: Any,
     halves: Any,
 ) -> tuple[Any, Any]:
-    """Number (n,) of points of each cluster in no box, give or take a margin, as every one of a few
-    tells it, and the diagonal (n, n_boxes) of what lies in each box, along its axes; m. Both of
-    those that are looked at before as many are in no box as are `allowed` (n,) in what is a box.
+    """Count the points (n,) of each cluster that lie in no box, give or take a margin, and measure
+    the diagonal (n, n_boxes) m, along its axes, of what lies in each box. Of large clusters every
+    k-th point is tested. A cluster is left as soon as `allowed` (n,) points lie in no box, so that
+    both are then those of the points tested by then.
 
     `points` (m, 3) m; `order` and `starts` as in `Clusters.in_a_row`; `pose`: rotation (3, 3) and
     translation (3,) m to the boxes' frame; `limits`: squares of the noise's parameters, tolerance

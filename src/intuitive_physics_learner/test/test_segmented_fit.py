@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner import ConvergenceCriteria, TrajectoryCost
 from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
-from intuitive_physics_learner.joint_search import separate_fits
+from intuitive_physics_learner.joint_search import joint_search, separate_fits
 from intuitive_physics_learner.joint_search.joint_search import JointSearch
 from intuitive_physics_learner.joint_search.separate_fits import tumbles
 from intuitive_physics_learner.joint_search.staged_fit import StagedFit
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
+from intuitive_physics_learner.search.convergence import StopReason
 from intuitive_physics_learner.segmented_estimation.continuations import MOTIONS, Continuations
 from intuitive_physics_learner.segmented_estimation.segment_equations import (
     SegmentEquations,
@@ -262,6 +263,18 @@ def test_without_time_nothing_is_fitted_in_segments(task, event_driven, few_step
     for _ in range(12):
         search.step(1000)
     assert search._staged.segment_steps == 0
+
+
+def test_a_search_is_exhausted_only_when_all_stages_have_converged(
+    task, event_driven, few_steps, monkeypatch
+):
+    """A step of the last throws in segments simulates less than one evaluation of J."""
+    monkeypatch.setattr(joint_search, "LARGEST_MISFIT_SHARE", 1.0)
+    search = JointSearch(replace(task, simulator=event_driven), np.random.default_rng(0))
+    search._motions = 10**6
+    outcome = search.run(ConvergenceCriteria(max_iterations=None, time_limit=100.0))
+    assert outcome.stop_reason is StopReason.EXHAUSTED
+    assert search._staged.settled
 
 
 def test_boxes_are_learned_online_in_segments(event_driven, seen, true_unit):

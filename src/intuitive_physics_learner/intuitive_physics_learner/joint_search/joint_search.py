@@ -148,6 +148,9 @@ class JointSearch(Search):
             if enough and np.mean(self._misfits) > LARGEST_MISFIT_SHARE:
                 self._evaluate_present()
                 self._descent.take_best(np.array([self._begin, self._lowest]))
+            if self.iterations == before:
+                # A step that simulates less than J does is one all the same.
+                self._record(self.best_cost)
         return self.iterations - before
 
     def _step_fits(self) -> None:

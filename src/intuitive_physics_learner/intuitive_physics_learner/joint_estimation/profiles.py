@@ -142,12 +142,14 @@ def _plausible_plateaus(
 ) -> NDArray[np.bool_]:
     """Sides (n, 2) that end in a plateau with a plausible loss, all else fitted to it there.
 
-    On a plateau motion is the same at the bound as half-way there. `inner` (n, 2) widths, the
-    largest moves that were plausible; `first` (n,) as `plausible_moves`.
+    On a plateau motion is the same at the bound as half-way there, which only observations that
+    count can show. `inner` (n, 2) widths, the largest moves that were plausible; `first` (n,) as
+    `plausible_moves`.
     """
-    unit, sides = fit.unit, np.array([-1.0, 1.0])
+    unit, sides, task = fit.unit, np.array([-1.0, 1.0]), fit.model.task
     room = np.stack([unit, 1.0 - unit], axis=1)
-    left = (first[:, None] < room) & (inner < room)
+    depended_on = task.influence[task.counted].any(axis=0)
+    left = (first[:, None] < room) & (inner < room) & depended_on[:, None]
     asked = np.asarray(left.any(axis=1))
     if not asked.any():
         return left

@@ -35,6 +35,11 @@ TOGETHER_STEPS = 20
 """Steps at most of the fit to observations of several objects, before all are fitted jointly; set
 by hand."""
 
+FIRST_TOGETHER_STEPS = 4
+"""Steps of that fit before objects are fitted in segments. As long as horizons are short they take
+little time, and where it ends in the segments, states of these observations are fitted, as their
+profiles need; set by hand."""
+
 
 class StagedFit(Resumable):
     """Fits objects that moved alone, each by itself, and then all observations jointly.
@@ -118,13 +123,13 @@ class StagedFit(Resumable):
             fits = [part.fit for part in unfinished]
             mapped_in_shares(methodcaller("step"), fits, self._threads)
             self._take_over(self._separate.parts)
+        elif not self._segments.has_begun and self._goes_on_together(FIRST_TOGETHER_STEPS):
+            self._step_together()
         elif self._fitting_segments():
             if self._segments.step(self._threads):
                 self._end_segments()
-        elif (together := self._fit_together()) is not None:
-            together.fit.step()
-            self._take_over([together])
-            self._together_ended = together.fit.settled or together.fit.steps >= TOGETHER_STEPS
+        elif self._goes_on_together(TOGETHER_STEPS):
+            self._step_together()
         else:
             self.jointly.step()
 
@@ -190,11 +195,18 @@ class StagedFit(Resumable):
         counts = [part.members.size for part in self._parts]
         joint.misfits = float(np.average([p.fit.misfits for p in self._parts], weights=counts))
 
-    def _fit_together(self) -> FitOf | None:
-        """Return the fit to observations of several objects as long as it is time for it."""
-        if self._together is None and not self._together_ended:
+    def _goes_on_together(self, most: int) -> bool:
+        """Whether the fit to observations of several objects takes up to `most` steps."""
+        taken = 0 if self._together is None else self._together.fit.steps
+        return not self._together_ended and taken < most
+
+    def _step_together(self) -> None:
+        if self._together is None:
             self._together = self._begun_together()
-        return None if self._together_ended else self._together
+        fit = self._together.fit
+        fit.step()
+        self._take_over([self._together])
+        self._together_ended = fit.settled or fit.steps >= TOGETHER_STEPS
 
     def _begun_together(self) -> FitOf:
         """Return the fit to what is not fitted separately, with what the separate fits say."""
@@ -232,6 +244,9 @@ class StagedFit(Resumable):
         """Restart the joint fit, with the results of the fits in segments in its prior."""
         before = self.joint
         self._simulations_before += self.jointly.simulations
+        if self._together is not None:
+            self._simulations_before += self._together.fit.model.simulations
+            self._together = None
         self.task = self._segments.informed(self.task)
         prior, known = self.task.prior, self._segments.known_parameters
         unit = before.unit.copy()

@@ -61,7 +61,7 @@ def check_environments(observations: Sequence[Observation], simulator: Simulator
             ) from None
 
 
-STATE_FORM = 4
+STATE_FORM = 5
 """Form of the states of searches: one that a program with another form left begins again."""
 
 

@@ -251,24 +251,6 @@ def _reserved(search: Search, task: LearningTask, seconds: float, limit: float) 
     return FOLLOWED_SHARE * limit + fitted.identifiability_seconds(task, seconds)
 
 
-def search_parameters(
-    observations: Sequence[Observation], simulator: Simulator, options: LearningOptions
-) -> SearchResult:
-    """Search θ_s without its identifiability.
-
-    Raises
-    ------
-    NoObservationsError, UnknownMethodError, UnsupportedSceneError, InvalidInputError
-        As `learn`.
-    """
-    clean, _, options = _assessed(observations, options)
-    _, task = _begin(clean, simulator, options, None, TrajectoryCost)
-    search = make_search(
-        options.method, task, np.random.default_rng(options.seed), options.rule_settings
-    )
-    return search.run(options.criteria)
-
-
 def _begin(
     observations: Sequence[Observation],
     simulator: Simulator,

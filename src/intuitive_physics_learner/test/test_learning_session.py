@@ -20,7 +20,6 @@ from intuitive_physics_learner import (
     TrajectoryCost,
     UnknownMethodError,
     learn,
-    search_parameters,
 )
 from intuitive_physics_learner.search import parameter_search
 
@@ -122,16 +121,6 @@ def test_a_search_does_not_continue_with_another_distance(event_driven, throws):
     other = options(40, method="random", distance="max")
     with pytest.raises(InvalidInputError, match="other distance"):
         learn(observed, event_driven, other, resume=states[-1])
-
-
-@pytest.mark.parametrize("method", ["levenberg_marquardt", "adaptive_random"])
-def test_searches_without_judging_as_it_learns(event_driven, throws, method):
-    observed = throws(6, 3, noise=0.005)
-    how = options(300, method=method)
-    result = search_parameters(observed, event_driven, how)
-    learned = learn(observed, event_driven, how)
-    assert result.cost == learned.search.cost
-    assert result.parameters.to_dict() == learned.search.parameters.to_dict()
 
 
 def test_noisy_observations_cost_no_more_than_the_truth(event_driven, throws, true_parameters):

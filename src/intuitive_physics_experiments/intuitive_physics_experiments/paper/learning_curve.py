@@ -27,7 +27,7 @@ from intuitive_physics_experiments.results import (
     markdown_table,
 )
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
-from intuitive_physics_learner.learning_session import LearningOptions, search_parameters
+from intuitive_physics_learner.learning_session import LearningOptions, learn
 from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria
 
 PAPER_ERROR, PAPER_DEVIATION = 0.911, 0.189  # m, mean test error and its σ (Sec. IV-D)
@@ -150,7 +150,7 @@ def _learn(
         criteria=ConvergenceCriteria(max_iterations=settings.iterations),
         seed=settings.seed + repetition,
     )
-    result = search_parameters(dataset.training_observations, simulator, options)
+    result = learn(dataset.training_observations, simulator, options).search
     return result.parameters.extended(dataset.parameters.materials), result.seconds
 
 

@@ -113,16 +113,6 @@ def test_the_constants_of_a_rule_can_be_set(event_driven, throws):
         learn(observed, event_driven, options(10, rule_settings={"increment": 0.5}))
 
 
-def test_a_search_does_not_continue_with_another_distance(event_driven, throws):
-    states = []
-    observed = throws(2, 0, noise=0.005)
-    how = options(20, method="random")
-    learn(observed, event_driven, how, on_checkpoint=states.append)
-    other = options(40, method="random", distance="max")
-    with pytest.raises(InvalidInputError, match="other distance"):
-        learn(observed, event_driven, other, resume=states[-1])
-
-
 def test_noisy_observations_cost_no_more_than_the_truth(event_driven, throws, true_parameters):
     observed = throws(8, 4, noise=0.01, state_noise=0.005)
     learned = learn(observed, event_driven, options(2000)).learned
@@ -263,20 +253,20 @@ def test_resumes_as_if_it_had_not_stopped(event_driven, throws, method, monkeypa
     assert again.learned.to_dict() == whole.learned.to_dict()
 
 
-def test_states_of_other_searches_are_refused(event_driven, throws, monkeypatch):
-    monkeypatch.setattr(parameter_search, "CHECKPOINT_PERIOD", 0.0)
-    observed = throws(3, 0, noise=0.01)
-    states = []
-    learn(observed, event_driven, options(60), on_checkpoint=states.append)
+def test_states_of_other_searches_are_refused(event_driven, throws):
+    observed, states = throws(3, 0, noise=0.01), []
+    learn(observed, event_driven, options(60, method="random"), on_checkpoint=states.append)
     for others, message in (
-        ({"method": "random"}, "method"),
+        ({"method": "cma_es"}, "method"),
+        ({"distance": "max"}, "distance"),
         ({"seed": 1}, "seed"),
         ({"bounds": {"restitution": Bounds(0.1, 0.6)}}, "bounds"),
     ):
+        how = options(60, **{"method": "random", **others})
         with pytest.raises(InvalidInputError, match=f"other {message}"):
-            learn(observed, event_driven, options(60, **others), resume=states[-1])
+            learn(observed, event_driven, how, resume=states[-1])
     with pytest.raises(InvalidInputError, match="other observations"):
-        learn(observed[:2], event_driven, options(60), resume=states[-1])
+        learn(observed[:2], event_driven, options(60, method="random"), resume=states[-1])
 
 
 @pytest.mark.parametrize("method", ["levenberg_marquardt", "cma_es"])

@@ -285,8 +285,8 @@ def _comparison_table(comparisons: Sequence[Comparison]) -> Table:
         note=(
             f"Observations come one by one, {SECONDS:g} s of CPU time each; the fit ends by the "
             "library's own limit of evaluations of J. The worst set counts. Another fit to all "
-            "differs by the seed of its search alone: the larger J over the smaller shows how far J "
-            "is a matter of chance."
+            "differs by the seed of its search alone: the larger J over the smaller shows how much "
+            "of J is chance."
         ),
     )
 

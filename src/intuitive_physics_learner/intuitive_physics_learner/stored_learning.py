@@ -102,7 +102,7 @@ def learn_from_store(
     StorageError
         When the store cannot be read or written.
     """
-    check_method(options.method, options.distance, options.rule_settings)
+    check_method(options.method, options.distance)
     observations, options = _observations(store, options)
     if not observations:
         raise NoObservationsError(

@@ -104,15 +104,6 @@ def test_joint_estimation_has_no_distance_to_choose(event_driven, throws):
         learn(throws(2, 0), event_driven, options(10, distance="max"))
 
 
-def test_the_constants_of_a_rule_can_be_set(event_driven, throws):
-    observed = throws(2, 0)
-    how = options(10_000, method="grid", rule_settings={"increment": 0.5})
-    # Two values of each of four parameters, after the start.
-    assert learn(observed, event_driven, how).search.iterations == 1 + 2**4
-    with pytest.raises(InvalidInputError, match="rule settings are given with the method leven"):
-        learn(observed, event_driven, options(10, rule_settings={"increment": 0.5}))
-
-
 def test_noisy_observations_cost_no_more_than_the_truth(event_driven, throws, true_parameters):
     observed = throws(8, 4, noise=0.01, state_noise=0.005)
     learned = learn(observed, event_driven, options(2000)).learned

@@ -141,8 +141,7 @@ class JointSearch(Search):
     def step(self, limit: int) -> int:
         before = self.iterations
         if self._lowering is not None:
-            self._lowering.step(limit)
-            self._count(self._lowering.best_cost)
+            self._lower(self._lowering, limit)
         elif not self._staged.settled:
             self._step_fits()
             self._follow()
@@ -154,7 +153,12 @@ class JointSearch(Search):
                 if cost < self._lowest_cost:
                     self._lowest, self._lowest_cost = self._begin, float(cost)
                 self._lowering = self._handed_over()
+                self._lower(self._lowering, limit)
         return self.iterations - before
+
+    def _lower(self, lowering: ParameterSearch, limit: int) -> None:
+        lowering.step(limit)
+        self._count(lowering.best_cost)
 
     def _handed_over(self) -> ParameterSearch:
         """Return the search that lowers J, from the point of the lowest J so far."""

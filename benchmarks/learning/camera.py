@@ -212,7 +212,7 @@ def _error_table(sets: Sequence[CameraSet]) -> Table:
         remarks=[
             f"within 2 σ: {shown} of the identified parameters "
             f"({identified_of_active(coverages)} active)",
-            f"joint estimation fell back to descent of J in "
+            f"joint estimation fell back to lowering J in "
             f"{sum(each.learned.fell_back for each in sets)} of {len(sets)} sets",
         ],
     )

@@ -31,11 +31,10 @@ from benchmarks.results.result import Column, Table
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.observation import Observation, observation_materials
-from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_experiments.paper.paper_room import ROOM_MATERIAL
-from intuitive_physics_learner import ObservationStore, TrajectoryCost, active_parameters
+from intuitive_physics_learner import ObservationStore, active_parameters
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.online.stored_online_learning import StoredOnlineLearning
 
@@ -52,8 +51,6 @@ MOST_OBSERVATIONS_AFTER, QUICK_OBSERVATIONS_AFTER = 30, 4
 COMPARED_AFTER = (4, 8, 16, 24, 32, 40)
 # Seed of a second fit to all, that of the first being 0: what a fit is beside another such fit
 OTHER_SEED = 1
-# θ_s about one over which J is averaged: standard deviation, part of the width, and their number
-NEARBY, DRAWS = 1e-6, 20
 # s of each throw over which J is compared as well: later, a tumbling box is mostly chaos
 EARLY = 2.0
 DRIFT_TOLERANCE = 0.01  # tolerance of the published restitution
@@ -84,7 +81,6 @@ class Comparison:
     other_batch: float
     default: float
     oracle: float
-    nearby: tuple[float, float, float]  # J about the first two and the true θ_s, as `mean_nearby`
     early: float  # J of what was published over that of the fit, over the first `EARLY` s
     coverages: Mapping[int, Coverage]  # of what was published after that many observations
 
@@ -116,17 +112,6 @@ class Drift:
             if abs(value - AFTER) <= DRIFT_TOLERANCE:
                 return float(count)
         return float("inf")
-
-
-def mean_nearby(cost: TrajectoryCost, parameters: StaticParameters) -> float:
-    """Return the mean J in m over θ_s that are the same but for `NEARBY` of each width.
-
-    Five seconds of a tumbling box depend on the last digits of θ_s, so that one J is a draw.
-    """
-    space = ParameterSpace(parameters.materials)
-    moves = np.random.default_rng(0).normal(0.0, NEARBY, (DRAWS, space.size))
-    units = np.clip(space.to_unit(parameters) + moves, 0.0, 1.0)
-    return float(np.mean(cost.costs([space.to_parameters(unit) for unit in units])))
 
 
 def learn_what_is_stored(
@@ -167,13 +152,10 @@ def compare(seed: int, count: int | None) -> Comparison:
     fitted, other = (
         learn_by_default(observations, threads=1, seed=seed).parameters for seed in (0, OTHER_SEED)
     )
-    cost, materials = task.exact_cost(), task.start.materials
     online, batch, other_batch, default = task.compared(
-        cost, published.parameters, fitted.parameters, other.parameters
+        task.exact_cost(), published.parameters, fitted.parameters, other.parameters
     )
     early = task.compared(task.exact_cost(EARLY), published.parameters, fitted.parameters)
-    each = published.parameters, fitted.parameters, true
-    first, second, third = (mean_nearby(cost, one.extended(materials)) for one in each)
     return Comparison(
         seed,
         len(observations),
@@ -183,7 +165,6 @@ def compare(seed: int, count: int | None) -> Comparison:
         other_batch=other_batch,
         default=default,
         oracle=task.oracle[2],
-        nearby=(first, second, third),
         early=early[0] / early[1],
         coverages=coverages,
     )
@@ -299,17 +280,13 @@ def _comparison_table(comparisons: Sequence[Comparison]) -> Table:
             (Column("one fit / another", "", ".2f"), lambda c: c.batch_ratio),
             (Column("defaults / fit", "", ".2f"), lambda c: c.default / c.batch),
             (Column(f"on-line / fit over {EARLY:g} s", "", ".2f"), lambda c: c.early),
-            (Column("near on-line", "m", ".3f"), lambda c: c.nearby[0]),
-            (Column("near the fit", "m", ".3f"), lambda c: c.nearby[1]),
-            (Column("near the true θ_s", "m", ".3f"), lambda c: c.nearby[2]),
             (Column("bar", "", "g"), lambda c: ONLINE_BAR),
         ],
         note=(
             f"Observations come one by one, {SECONDS:g} s of CPU time each; the fit ends by the "
             "library's own limit of evaluations of J. The worst set counts. Another fit to all "
-            "differs by the seed of its search alone: the larger J over the smaller. Near θ_s: the "
-            f"mean J of {DRAWS} that differ by {NEARBY:g} of each width, which decides how a "
-            "tumbling box ends."
+            "differs by the seed of its search alone: the larger J over the smaller shows how much "
+            "of J is chance."
         ),
     )
 

@@ -178,7 +178,7 @@ def side_by_side(calls: Sequence[Callable[[], Item]]) -> list[Item]:
 class Learned:
     """What learning returned, after which wall time in s.
 
-    `fell_back`: whether joint estimation was given up for plain descent of J.
+    `fell_back`: whether joint estimation was given up for lowering J.
     """
 
     result: LearningResult
@@ -214,4 +214,4 @@ def learn_by_default(
         on_checkpoint=checkpoint.update,
     )
     took = time.perf_counter() - began
-    return Learned(result, took, checkpoint["search"].get("descent") is not None)
+    return Learned(result, took, checkpoint["search"].get("lowering") is not None)

@@ -1,1 +1,1 @@
-"""J against iterations and time: methods of learning, other engines, ways to evaluate J."""
+"""J against time: joint estimation, other engines, ways to evaluate J."""

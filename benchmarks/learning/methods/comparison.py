@@ -1,31 +1,20 @@
-"""J against iterations and time: joint estimation and the paper's update rules, other engines."""
+"""J against time: joint estimation, other engines, ways to evaluate J."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
-
-import numpy as np
 
 from benchmarks.command import Outcome, report_progress
 from benchmarks.learning.methods.cluster import compare_paces
 from benchmarks.learning.methods.figure import draw_figure
-from benchmarks.learning.methods.histories import (
-    Histories,
-    Joint,
-    joint_run,
-    rule_history,
-    seconds_to_tolerance,
-)
+from benchmarks.learning.methods.joint_run import Joint, joint_run, seconds_to_tolerance
 from benchmarks.learning.methods.loop_beside import compare_lateness
 from benchmarks.learning.methods.peers import compare_engines
-from benchmarks.learning.paper_sets import SIZES, TOLERANCE, make_task, side_by_side
+from benchmarks.learning.paper_sets import SIZES, TOLERANCE, make_task
 from benchmarks.results.result import Cell, Column, Table
-from intuitive_physics_learner import UPDATE_RULES
 
 # s within which the test split's J is to be within 5 % of the oracle's, on two quiet cores
 BARS = {"1x50": 2.0, "10x50": 30.0, "20x50": 120.0}
-RULE_SEEDS = (2, 1, 1)  # runs of each update rule on the set of each size
 
 
 @dataclass(frozen=True)
@@ -33,22 +22,20 @@ class Effort:
     """How much is measured, for the set of each size in turn."""
 
     seconds: tuple[float, ...]  # that joint estimation may take
-    iterations: tuple[int, ...]  # of each run of an update rule
     peer_seconds: float  # that each other engine may take
     loop_seconds: float  # that a loop beside the learner is watched for
     candidates: int  # that threads and processes evaluate at once
 
 
 # For results that are kept
-FULL = Effort((4.0, 20.0, 60.0), (500, 150, 60), 10.0, 5.0, 20)
-QUICK = Effort((0.5, 1.0, 1.0), (20, 5, 3), 0.5, 0.5, 2)  # for a first look
+FULL = Effort((4.0, 20.0, 60.0), 10.0, 5.0, 20)
+QUICK = Effort((0.5, 1.0, 1.0), 0.5, 0.5, 2)  # for a first look
 
 
 def measure(quick: bool, first_seed: int) -> Outcome:
     """Measure all."""
     effort = QUICK if quick else FULL
     joint = _run_joint(effort, first_seed)
-    rules = _run_rules(effort, first_seed)
     report_progress("other engines")
     engines = compare_engines(effort.peer_seconds, first_seed)
     report_progress("beside a loop, and on a cluster")
@@ -56,12 +43,11 @@ def measure(quick: bool, first_seed: int) -> Outcome:
     return Outcome(
         tables=[
             _joint_table(joint),
-            _rules_table(joint, rules),
             engines,
             compare_lateness(task, effort.loop_seconds),
             compare_paces(task, effort.candidates),
         ],
-        draw=lambda path: draw_figure(rules, joint, path),
+        draw=lambda path: draw_figure(joint, path),
     )
 
 
@@ -75,28 +61,6 @@ def _run_joint(effort: Effort, seed: int) -> Joint:
         task = make_task(size.objects, seed)
         joint[name] = (task, joint_run(task, seconds))
     return joint
-
-
-def _run_rules(effort: Effort, first_seed: int) -> Histories:
-    """Return the mean J over seeds of the paper's nine rules, several at a time."""
-    report_progress("the nine rules")
-    runs = [
-        (name, rule, seed, iterations)
-        for name, seeds, iterations in zip(SIZES, RULE_SEEDS, effort.iterations, strict=True)
-        for rule in UPDATE_RULES
-        for seed in range(seeds)
-    ]
-    found = side_by_side(
-        [
-            partial(rule_history, name, first_seed, rule, seed, iterations)
-            for name, rule, seed, iterations in runs
-        ]
-    )
-    histories: Histories = {name: {} for name in SIZES}
-    for name, rule in dict.fromkeys(run[:2] for run in runs):
-        of_seeds = [each for run, each in zip(runs, found, strict=True) if run[:2] == (name, rule)]
-        histories[name][rule] = np.mean(of_seeds, axis=0)
-    return histories
 
 
 def _joint_table(joint: Joint) -> Table:
@@ -135,17 +99,3 @@ def _joint_table(joint: Joint) -> Table:
         ],
         rows=rows,
     )
-
-
-def _rules_table(joint: Joint, histories: Histories) -> Table:
-    rows: list[list[Cell]] = [
-        [rule, *(float(by_rule[rule][-1]) for by_rule in histories.values())]
-        for rule in UPDATE_RULES
-    ]
-    rows.append(["(true θ_s)", *(joint[name][0].oracle[0] for name in histories)])
-    columns = [
-        Column(f"{name}, {by_rule['grid'].size} iterations", "m", ".3f")
-        for name, by_rule in histories.items()
-    ]
-    title = "The paper's nine rules: J over the training split in m, mean over seeds"
-    return Table(title, [Column("rule"), *columns], rows)

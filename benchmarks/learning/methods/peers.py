@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.learning.methods.histories import joint_run
+from benchmarks.learning.methods.joint_run import joint_run
 from benchmarks.learning.paper_sets import THREADS, Task, make_task
 from benchmarks.results.result import Column, Table
 from intuitive_physics.parameter_space import ParameterSpace

@@ -14,7 +14,6 @@ from intuitive_physics_learner.learning_session import (
     LearningOptions,
     LearningResult,
     learn,
-    search_parameters,
 )
 from intuitive_physics_learner.methods import DEFAULT_METHOD, JOINT_METHOD, METHODS
 from intuitive_physics_learner.search.convergence import (
@@ -62,5 +61,4 @@ __all__ = [
     "learn",
     "learn_from_store",
     "make_update_rule",
-    "search_parameters",
 ]

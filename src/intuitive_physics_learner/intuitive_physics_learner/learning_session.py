@@ -86,7 +86,6 @@ class LearningOptions:
     observation_ids : to learn from; none: all that are stored
     distance : in J, for methods that are update rules: one of `trajectory.DISTANCES`
     trusted_ids : of observations that are used as a whole, whatever an assessment says
-    rule_settings : of the update rule, instead of the constants of Table I
     """
 
     method: str = DEFAULT_METHOD
@@ -96,7 +95,6 @@ class LearningOptions:
     observation_ids: Sequence[str] = ()
     distance: str = MEAN_DISTANCE
     trusted_ids: Sequence[str] = ()
-    rule_settings: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def course(self) -> dict[str, Any]:
@@ -104,7 +102,6 @@ class LearningOptions:
         return {
             "method": self.method,
             "distance": self.distance,
-            "rule_settings": dict(self.rule_settings),
             "seed": self.seed,
             "bounds": {kind: asdict(bounds) for kind, bounds in self.bounds.items()},
         }
@@ -178,9 +175,7 @@ def learn(
     simulator = simulator or make_simulator("auto")
     clean, assessments, options = _assessed(observations, options or LearningOptions())
     previous, task = _begin(clean, simulator, options, previous, make_cost)
-    search = make_search(
-        options.method, task, np.random.default_rng(options.seed), options.rule_settings
-    )
+    search = make_search(options.method, task, np.random.default_rng(options.seed))
     identity = _identity(options, task, previous)
     if resume is not None:
         _check_same_task(resume, identity)
@@ -251,24 +246,6 @@ def _reserved(search: Search, task: LearningTask, seconds: float, limit: float) 
     return FOLLOWED_SHARE * limit + fitted.identifiability_seconds(task, seconds)
 
 
-def search_parameters(
-    observations: Sequence[Observation], simulator: Simulator, options: LearningOptions
-) -> SearchResult:
-    """Search θ_s without its identifiability.
-
-    Raises
-    ------
-    NoObservationsError, UnknownMethodError, UnsupportedSceneError, InvalidInputError
-        As `learn`.
-    """
-    clean, _, options = _assessed(observations, options)
-    _, task = _begin(clean, simulator, options, None, TrajectoryCost)
-    search = make_search(
-        options.method, task, np.random.default_rng(options.seed), options.rule_settings
-    )
-    return search.run(options.criteria)
-
-
 def _begin(
     observations: Sequence[Observation],
     simulator: Simulator,
@@ -277,7 +254,7 @@ def _begin(
     make_cost: MakeCost,
 ) -> tuple[LearnedParameters, LearningTask]:
     """Return θ_s to begin from, over all materials, and the task of the search."""
-    check_method(options.method, options.distance, options.rule_settings)
+    check_method(options.method, options.distance)
     if not observations:
         raise NoObservationsError("there are no observations; expected at least one")
     observed = observation_materials(observations)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from intuitive_physics.errors import InvalidInputError
@@ -26,8 +24,8 @@ METHODS = (DEFAULT_METHOD, *ALL_RULES)
 """All names, the default first."""
 
 
-def check_method(name: str, distance: str, rule_settings: Mapping[str, float]) -> None:
-    """Check that there is such a method, and that it can minimise a distance and be set so.
+def check_method(name: str, distance: str) -> None:
+    """Check that there is such a method, and that it can minimise a distance.
 
     Joint estimation maximises a likelihood of the observed points; it has no distance to choose.
     """
@@ -39,22 +37,12 @@ def check_method(name: str, distance: str, rule_settings: Mapping[str, float]) -
             f"their likelihood and minimises no distance; expected the distance {MEAN_DISTANCE!r}, "
             "or a method that is an update rule, such as cma_es"
         )
-    if name == JOINT_METHOD and rule_settings:
-        raise InvalidInputError(
-            f"rule settings are given with the method {name}, which is no update rule; expected "
-            "none, or another method"
-        )
 
 
-def make_search(
-    name: str,
-    task: LearningTask,
-    generator: np.random.Generator,
-    rule_settings: Mapping[str, float],
-) -> Search:
+def make_search(name: str, task: LearningTask, generator: np.random.Generator) -> Search:
     """Return the search by the method of that name, ready to run, as `check_method` allows it."""
     if name == JOINT_METHOD:
         return JointSearch(task, generator)
     size = task.searched.size
-    rule = make_update_rule(name, size, generator, task.begin, **rule_settings)
+    rule = make_update_rule(name, size, generator, task.begin)
     return ParameterSearch(CachedCost(task.cost).costs, task.searched, rule)

@@ -61,7 +61,7 @@ def check_environments(observations: Sequence[Observation], simulator: Simulator
             ) from None
 
 
-STATE_FORM = 4
+STATE_FORM = 5
 """Form of the states of searches: one that a program with another form left begins again."""
 
 
@@ -102,7 +102,7 @@ def learn_from_store(
     StorageError
         When the store cannot be read or written.
     """
-    check_method(options.method, options.distance, options.rule_settings)
+    check_method(options.method, options.distance)
     observations, options = _observations(store, options)
     if not observations:
         raise NoObservationsError(

@@ -20,7 +20,6 @@ from intuitive_physics_learner import (
     TrajectoryCost,
     UnknownMethodError,
     learn,
-    search_parameters,
 )
 from intuitive_physics_learner.search import parameter_search
 
@@ -103,35 +102,6 @@ def test_the_distance_that_is_asked_for_is_minimised(glide, glides):
 def test_joint_estimation_has_no_distance_to_choose(event_driven, throws):
     with pytest.raises(InvalidInputError, match=r"distance is 'max'.*update rule, such as cma_es"):
         learn(throws(2, 0), event_driven, options(10, distance="max"))
-
-
-def test_the_constants_of_a_rule_can_be_set(event_driven, throws):
-    observed = throws(2, 0)
-    how = options(10_000, method="grid", rule_settings={"increment": 0.5})
-    # Two values of each of four parameters, after the start.
-    assert learn(observed, event_driven, how).search.iterations == 1 + 2**4
-    with pytest.raises(InvalidInputError, match="rule settings are given with the method leven"):
-        learn(observed, event_driven, options(10, rule_settings={"increment": 0.5}))
-
-
-def test_a_search_does_not_continue_with_another_distance(event_driven, throws):
-    states = []
-    observed = throws(2, 0, noise=0.005)
-    how = options(20, method="random")
-    learn(observed, event_driven, how, on_checkpoint=states.append)
-    other = options(40, method="random", distance="max")
-    with pytest.raises(InvalidInputError, match="other distance"):
-        learn(observed, event_driven, other, resume=states[-1])
-
-
-@pytest.mark.parametrize("method", ["levenberg_marquardt", "adaptive_random"])
-def test_searches_without_judging_as_it_learns(event_driven, throws, method):
-    observed = throws(6, 3, noise=0.005)
-    how = options(300, method=method)
-    result = search_parameters(observed, event_driven, how)
-    learned = learn(observed, event_driven, how)
-    assert result.cost == learned.search.cost
-    assert result.parameters.to_dict() == learned.search.parameters.to_dict()
 
 
 def test_noisy_observations_cost_no_more_than_the_truth(event_driven, throws, true_parameters):
@@ -274,20 +244,20 @@ def test_resumes_as_if_it_had_not_stopped(event_driven, throws, method, monkeypa
     assert again.learned.to_dict() == whole.learned.to_dict()
 
 
-def test_states_of_other_searches_are_refused(event_driven, throws, monkeypatch):
-    monkeypatch.setattr(parameter_search, "CHECKPOINT_PERIOD", 0.0)
-    observed = throws(3, 0, noise=0.01)
-    states = []
-    learn(observed, event_driven, options(60), on_checkpoint=states.append)
+def test_states_of_other_searches_are_refused(event_driven, throws):
+    observed, states = throws(3, 0, noise=0.01), []
+    learn(observed, event_driven, options(60, method="random"), on_checkpoint=states.append)
     for others, message in (
-        ({"method": "random"}, "method"),
+        ({"method": "cma_es"}, "method"),
+        ({"distance": "max"}, "distance"),
         ({"seed": 1}, "seed"),
         ({"bounds": {"restitution": Bounds(0.1, 0.6)}}, "bounds"),
     ):
+        how = options(60, **{"method": "random", **others})
         with pytest.raises(InvalidInputError, match=f"other {message}"):
-            learn(observed, event_driven, options(60, **others), resume=states[-1])
+            learn(observed, event_driven, how, resume=states[-1])
     with pytest.raises(InvalidInputError, match="other observations"):
-        learn(observed[:2], event_driven, options(60), resume=states[-1])
+        learn(observed[:2], event_driven, options(60, method="random"), resume=states[-1])
 
 
 @pytest.mark.parametrize("method", ["levenberg_marquardt", "cma_es"])

@@ -15,15 +15,12 @@ from hypothesis import strategies as st
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.observation import Detections, load_observation
 from intuitive_physics_learner import (
-    ConvergenceCriteria,
-    LearningOptions,
     ObservationStore,
     StorageError,
 )
 from intuitive_physics_learner.store import Assessment, observation_store
 from intuitive_physics_learner.store.database import database_path
 from intuitive_physics_learner.store.observation_entries import STATUSES
-from intuitive_physics_learner.stored_learning import learn_from_store
 
 
 @pytest.fixture(scope="session")
@@ -298,14 +295,6 @@ def test_a_recording_that_is_played_again_adds_nothing(store, glides):
     assert not any(store.add(observation) for observation in again)
     with ObservationStore(store.path.with_name("both.sqlite3")) as both:
         assert both.add_all([*first, *again]) == 4
-
-
-def test_learning_without_an_unreadable_row(store, glide_at, glide, break_text):
-    store.add_all([glide_at(id) for id in "abc"])
-    break_text("b")
-    options = LearningOptions("random", ConvergenceCriteria(max_iterations=20))
-    result = learn_from_store(store, glide, options)
-    assert result.learned.observation_count == 2
 
 
 def test_a_writer_of_idle_priority_does_not_stand_still_with_the_lock(store):

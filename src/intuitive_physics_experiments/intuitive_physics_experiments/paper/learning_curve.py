@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from intuitive_physics.materials import StaticParameters
-from intuitive_physics.observation import Observation
+from intuitive_physics.observation import Observation, observation_materials
+from intuitive_physics.parameter_space import ParameterSpace
 from intuitive_physics.simulation import Simulator, make_simulator
 from intuitive_physics_cli.report.figure_style import DEFAULT, OBSERVED, PREDICTED, TRUE
 from intuitive_physics_experiments.paper.paper_dataset import PaperDataset, make_paper_dataset
@@ -27,8 +28,11 @@ from intuitive_physics_experiments.results import (
     markdown_table,
 )
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
-from intuitive_physics_learner.learning_session import LearningOptions, search_parameters
-from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria
+from intuitive_physics_learner.cost.parameter_influence import active_parameters
+from intuitive_physics_learner.cost.wrapped_costs import CachedCost
+from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria, ParameterSearch
+from intuitive_physics_learner.search.search_space import ActiveSpace
+from intuitive_physics_learner.search.update_rules import make_update_rule
 
 PAPER_ERROR, PAPER_DEVIATION = 0.911, 0.189  # m, mean test error and its σ (Sec. IV-D)
 
@@ -145,12 +149,16 @@ def _cell(
 def _learn(
     settings: LearningCurveSettings, simulator: Simulator, dataset: PaperDataset, repetition: int
 ) -> tuple[StaticParameters, float]:
-    options = LearningOptions(
-        method=settings.method,
-        criteria=ConvergenceCriteria(max_iterations=settings.iterations),
-        seed=settings.seed + repetition,
-    )
-    result = search_parameters(dataset.training_observations, simulator, options)
+    observations = dataset.training_observations
+    materials = observation_materials(observations)
+    start = StaticParameters.uniform(materials)
+    active = active_parameters(observations, materials)
+    space = ActiveSpace(ParameterSpace(materials), active, start)
+    generator = np.random.default_rng(settings.seed + repetition)
+    rule = make_update_rule(settings.method, space.size, generator, space.to_unit(start))
+    cost = CachedCost(TrajectoryCost(observations, simulator, materials))
+    search = ParameterSearch(cost.costs, space, rule)
+    result = search.run(ConvergenceCriteria(max_iterations=settings.iterations))
     return result.parameters.extended(dataset.parameters.materials), result.seconds
 
 

@@ -35,9 +35,6 @@ be as light as a balloon, m/s²."""
 JUMP_DURATION = 0.15
 """Longest time between points of a jump, s."""
 
-IMPULSE_POINTS = 12
-"""Points of a free flight from which on an impulse in its middle is tested."""
-
 STEADY_P = 0.01
 """P value of the scatter of points above which these are steady."""
 
@@ -65,9 +62,9 @@ LARGEST_BEND = 3.0
 def flight_violation(track: Track) -> Violation | None:
     """Fit free flights to windows of points between which nothing can be touched, if there are any.
 
-    The acceleration is gravity plus an unknown one, normal about 0. What is left must be noise, and
-    an impulse in the middle must not explain more of it than of noise. One point of each window
-    does not count, the one that fits worst, so that an outlier alone violates nothing.
+    The acceleration is gravity plus an unknown one, normal about 0. What is left must be noise. One
+    point of each window does not count, the one that fits worst, so that an outlier alone violates
+    nothing.
     """
     free = free_intervals(track)
     begins, ends, log_ps = [], [], []
@@ -79,13 +76,9 @@ def flight_violation(track: Track) -> Violation | None:
         )
         if starts.size == 0:
             continue
-        losses = flight_losses(track, starts, count)
-        log_p = _log_chi2_tail(losses, 3 * (count - 3))
-        if count >= IMPULSE_POINTS:
-            gains = losses - flight_losses(track, starts, count, impulse=True)
-            log_p = np.minimum(log_p, _log_chi2_tail(gains, 3))
-        # Two tests, and as many ways to leave out the worst point as there are points.
-        log_ps.append(log_p + np.log(2.0 * count))
+        log_p = _log_chi2_tail(flight_losses(track, starts, count), 3 * (count - 3))
+        # There are as many ways to leave out the worst point as there are points.
+        log_ps.append(log_p + np.log(count))
         begins.append(track.times[starts])
         ends.append(track.times[starts + count - 1])
     if not log_ps:
@@ -124,9 +117,7 @@ def _differences(gaps: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(finite[1:] & finite[:-1], np.diff(distances), 0.0)
 
 
-def flight_losses(
-    track: Track, starts: NDArray[np.int64], count: int, *, impulse: bool = False
-) -> NDArray[np.float64]:
+def flight_losses(track: Track, starts: NDArray[np.int64], count: int) -> NDArray[np.float64]:
     """Least sums of squares (w,), without the worst point, of windows begun at `starts` (w,)."""
     index = starts[:, None] + np.arange(count)
     times = track.times[index]
@@ -135,17 +126,12 @@ def flight_losses(
     places = track.positions[index] - 0.5 * track.gravity * times[..., None] ** 2
     places = places - places.mean(axis=1, keepdims=True)
     whitened = (whitening @ places[..., None])[..., 0]
-    columns = [np.ones_like(times), times, 0.5 * times**2]
-    if impulse:
-        columns.append(np.abs(times))
-    basis = np.stack(columns, axis=-1)
+    basis = np.stack([np.ones_like(times), times, 0.5 * times**2], axis=-1)
     # Products of matrices (…, 3, 3 b) of each point, and of all points of a window below another.
-    design = (whitening[..., None, :] * basis[..., None, :, None]).reshape(
-        len(starts), count, 3, 3 * len(columns)
-    )
-    every = design.reshape(len(starts), 3 * count, 3 * len(columns))
+    design = (whitening[..., None, :] * basis[..., None, :, None]).reshape(len(starts), count, 3, 9)
+    every = design.reshape(len(starts), 3 * count, 9)
     spread = AIR_ACCELERATION if track.in_air else FLIGHT_ACCELERATION
-    prior = np.diag(np.repeat([0.0, 0.0, spread**-2, 0.0][: len(columns)], 3))
+    prior = np.diag(np.repeat([0.0, 0.0, spread**-2], 3))
     inverse = np.linalg.inv(every.swapaxes(1, 2) @ every + prior)
     projected = every.swapaxes(1, 2) @ whitened.reshape(len(starts), -1, 1)
     solution = inverse @ projected

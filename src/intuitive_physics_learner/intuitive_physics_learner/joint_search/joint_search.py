@@ -10,13 +10,13 @@ import numpy as np
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
+from intuitive_physics_learner.cost.wrapped_costs import CachedCost
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.profiles import (
     curvature_simulations,
     move_simulations,
 )
 from intuitive_physics_learner.joint_estimation.several_starts import LEFT, STARTS, drawn_starts
-from intuitive_physics_learner.joint_search.cost_descent import CostDescent
 from intuitive_physics_learner.joint_search.identifiability import (
     Identifiability,
     identifiability_by_fit,
@@ -24,7 +24,8 @@ from intuitive_physics_learner.joint_search.identifiability import (
 from intuitive_physics_learner.joint_search.staged_fit import StagedFit
 from intuitive_physics_learner.search.convergence import ConvergenceCriteria
 from intuitive_physics_learner.search.learning_task import LearningTask
-from intuitive_physics_learner.search.parameter_search import Search
+from intuitive_physics_learner.search.parameter_search import ParameterSearch, Search
+from intuitive_physics_learner.search.update_rules.cma_es import CmaEs
 from intuitive_physics_learner.segmented_estimation.segmented_fit import (
     SegmentedFit,
     segment_simulations,
@@ -71,7 +72,7 @@ class JointSearch(Search):
 
     Where the share of trajectories that cannot be fitted is so large that the simulation must lack
     an effect, there are no true θ_s and initial states to be found: from then on J itself is
-    lowered, from the observed initial states (`CostDescent`).
+    lowered by CMA-ES, from the observed initial states and the θ_s of the lowest J so far.
 
     Parameters
     ----------
@@ -102,7 +103,8 @@ class JointSearch(Search):
         self._evaluations = 0
         # An evaluation of J simulates as much as all of them.
         self._motions = len(fit_task.influence)
-        self._descent = CostDescent(task.cost_task)
+        self._seed = int(generator.integers(2**62))
+        self._lowering: ParameterSearch | None = None
         self._misfits: list[float] = []
         self._evaluated = self._lowest = self.fit.unit
         self._lowest_cost = np.inf
@@ -115,7 +117,7 @@ class JointSearch(Search):
     @property
     def lowers_cost(self) -> bool:
         """Whether the simulation lacks an effect, so that J itself is lowered."""
-        return bool(np.isfinite(self._descent.cost))
+        return self._lowering is not None
 
     @property
     def fits_trajectories(self) -> bool:
@@ -124,7 +126,9 @@ class JointSearch(Search):
 
     @property
     def best_parameters(self) -> StaticParameters:
-        return self._space.to_parameters(self._descent.unit if self.lowers_cost else self.fit.unit)
+        if self._lowering is not None:
+            return self._lowering.best_parameters
+        return self._space.to_parameters(self.fit.unit)
 
     def plan(self, criteria: ConvergenceCriteria) -> None:
         most = criteria.max_iterations
@@ -136,10 +140,8 @@ class JointSearch(Search):
 
     def step(self, limit: int) -> int:
         before = self.iterations
-        if self.lowers_cost:
-            if not self._descent.finished:
-                self._descent.step()
-                self._count(self._descent.cost)
+        if self._lowering is not None:
+            self._lower(self._lowering, limit)
         elif not self._staged.settled:
             self._step_fits()
             self._follow()
@@ -147,11 +149,25 @@ class JointSearch(Search):
             enough = len(self._misfits) == MISFIT_STEPS or self._staged.settled
             if enough and np.mean(self._misfits) > LARGEST_MISFIT_SHARE:
                 self._evaluate_present()
-                self._descent.take_best(np.array([self._begin, self._lowest]))
+                (cost,) = self._cost.costs([self._space.to_parameters(self._begin)])
+                if cost < self._lowest_cost:
+                    self._lowest, self._lowest_cost = self._begin, float(cost)
+                self._lowering = self._handed_over()
+                self._lower(self._lowering, limit)
             if self.iterations == before:
                 # A step that simulates less than J does is one all the same.
                 self._record(self.best_cost)
         return self.iterations - before
+
+    def _lower(self, lowering: ParameterSearch, limit: int) -> None:
+        lowering.step(limit)
+        self._count(lowering.best_cost)
+
+    def _handed_over(self) -> ParameterSearch:
+        """Return the search that lowers J, from the point of the lowest J so far."""
+        generator = np.random.default_rng(self._seed)
+        rule = CmaEs(self._space.size, generator, self._lowest)
+        return ParameterSearch(CachedCost(self._cost).costs, self._space, rule)
 
     def _step_fits(self) -> None:
         """Take a step; after the first one, drop starts where there is no time for several."""
@@ -170,13 +186,9 @@ class JointSearch(Search):
         self._evaluate_present()
 
     def keep_start(self, task: LearningTask) -> bool:
-        if not self.lowers_cost:
-            return self.fit.return_if_better(task.begin)
-        (cost,) = task.cost.costs([task.start]).tolist()
-        better = bool(cost < self._descent.cost)
-        if better:
-            self._descent.unit, self._descent.cost = task.begin, cost
-        return better
+        if self._lowering is not None:
+            return self._lowering.keep_start(task)
+        return self.fit.return_if_better(task.begin)
 
     def identifiability(
         self, task: LearningTask, seconds_left: Callable[[], float]
@@ -200,14 +212,15 @@ class JointSearch(Search):
         return InitialSpins() if self.lowers_cost else self.fit.spin_evidence().initial_spins()
 
     def state(self) -> dict[str, Any]:
-        descent = self._descent.state() if self.lowers_cost else None
-        return {**super().state(), "fit": self._staged.state(), "descent": descent}
+        lowering = self._lowering and self._lowering.state()
+        return {**super().state(), "fit": self._staged.state(), "lowering": lowering}
 
     def load_state(self, state: Mapping[str, Any]) -> None:
         super().load_state(state)
         self._staged.load_state(state["fit"])
-        if state["descent"] is not None:
-            self._descent.load_state(state["descent"])
+        if state["lowering"] is not None:
+            self._lowering = self._handed_over()
+            self._lowering.load_state(state["lowering"])
 
     def _in_segments(self, fit: JointFit) -> SegmentedFit | None:
         """Return a fit in segments of throws of one object, where there is time for it."""
@@ -243,6 +256,6 @@ class JointSearch(Search):
     def _count(self, cost: float) -> None:
         """Count simulations as evaluations of J, the last of which found `cost` m."""
         fits = self._staged.simulations / self._motions
-        descent = self._descent.simulations / len(self._cost.observations)
-        while self.iterations - self._evaluations < fits + descent:
+        lowered = 0 if self._lowering is None else self._lowering.iterations
+        while self.iterations - self._evaluations < fits + lowered:
             self._record(cost)

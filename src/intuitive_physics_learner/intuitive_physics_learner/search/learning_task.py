@@ -138,12 +138,7 @@ class LearningTask:
     @property
     def fit_task(self) -> FitTask:
         """The fit over the active parameters, to the points detected where these are known."""
-        motions = self.motions
-        if motions is None:
-            return self.cost_task
-        return FitTask(motions.cost, self.searched, motions.influence[:, self.active], self.prior)
-
-    @property
-    def cost_task(self) -> FitTask:
-        """The same parameters with J itself."""
-        return FitTask(self.cost, self.searched, self.influence[:, self.active], self.prior)
+        cost, influence = self.cost, self.influence
+        if self.motions is not None:
+            cost, influence = self.motions.cost, self.motions.influence
+        return FitTask(cost, self.searched, influence[:, self.active], self.prior)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
@@ -16,6 +15,7 @@ from intuitive_physics_learner.store.observation_entries import (
     USED,
     entry_columns,
     parsed_observation,
+    readable_observations,
 )
 
 TOO_MANY_MATERIALS = (
@@ -34,22 +34,31 @@ NEAR = (
     "(SELECT MAX(last_time - first_time) FROM observation_entries) AND last_time >= ?2 "
     f"ORDER BY ABS(start_time - ?4) LIMIT {CANDIDATES}) USING (id)"
 )
-"""Query for the texts of observations comparable to one (`ObservationSpan.comparable`), the nearest
-first: whether it has detections, its first and last time, and its start in s."""
+"""Query for the texts of observations of which more than the ids can say that they are of the same
+motion, the nearest first: whether it has detections, its first and last time, and its start in s.
+"""
+
+
+def has_same_motion(connection: sqlite3.Connection, observation: Observation) -> bool:
+    """Return whether an observation with this id, or another one of its motion, is stored."""
+    same_id = connection.execute("SELECT 1 FROM observations WHERE id = ?", (observation.id,))
+    if same_id.fetchone() is not None:
+        return True
+    has_detections = any(track.detections is not None for track in observation.objects)
+    values = (has_detections, *observation.time_span, observation.start_time)
+    near = readable_observations(text for (text,) in connection.execute(NEAR, values))
+    return any(other.same_motion(observation) for other in near)
 
 
 def insert_observation(
     connection: sqlite3.Connection, observation: Observation, text: str, received_at: float
-) -> bool:
-    """Insert an observation, received at a Unix time in s; return whether its id is new."""
-    inserted = connection.execute(
-        "INSERT INTO observations (id, received_at, json) VALUES (?, ?, ?) "
-        "ON CONFLICT (id) DO NOTHING",
+) -> None:
+    """Insert an observation with a new id, received at a Unix time in s."""
+    connection.execute(
+        "INSERT INTO observations (id, received_at, json) VALUES (?, ?, ?)",
         (observation.id, received_at, text),
-    ).rowcount
-    if inserted:
-        insert_entry(connection, observation.id, received_at, entry_columns(observation))
-    return bool(inserted)
+    )
+    insert_entry(connection, observation.id, received_at, entry_columns(observation))
 
 
 def readable_text(observation: Observation) -> str:
@@ -144,29 +153,3 @@ def set_status(
     if changed:
         next_revision(connection)
     return bool(changed)
-
-
-@dataclass(frozen=True)
-class ObservationSpan:
-    """An observation, the times in s that it covers, and whether any object has detections."""
-
-    observation: Observation
-    first: float
-    last: float
-    has_detections: bool
-
-    @staticmethod
-    def of(observation: Observation) -> ObservationSpan:
-        has_detections = any(track.detections is not None for track in observation.objects)
-        return ObservationSpan(observation, *observation.time_span, has_detections)
-
-    def comparable(self, other: ObservationSpan) -> bool:
-        """Whether more than the ids can say that both are of the same motion.
-
-        Equal ids need no comparison: the table has each id once.
-        """
-        return (
-            (self.has_detections or other.has_detections)
-            and self.first <= other.last
-            and other.first <= self.last
-        )

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import heapq
 import json
 import os
 import re
@@ -22,7 +21,7 @@ from typing import Any
 from intuitive_physics.errors import InvalidInputError, UnknownNameError
 from intuitive_physics.learned_parameters import LearnedParameters
 from intuitive_physics.limits import check_limit, limits
-from intuitive_physics.observation import Observation, observation_materials, save_observation
+from intuitive_physics.observation import Observation, save_observation
 from intuitive_physics_learner.errors import (
     DatabaseBusyError,
     DatabaseFullError,
@@ -41,15 +40,12 @@ from intuitive_physics_learner.store.observation_entries import (
     Assessment,
     ObservationEntry,
     parsed_observation,
-    readable_observations,
 )
 from intuitive_physics_learner.store.observation_rows import (
-    CANDIDATES,
-    NEAR,
-    ObservationSpan,
     check_ids,
     database_bytes,
     excess_observations,
+    has_same_motion,
     insert_observation,
     readable_text,
     renew_entry,
@@ -133,30 +129,14 @@ class ObservationStore:
 
     def add_all(self, observations: Sequence[Observation]) -> int:
         """Store observations, all or none of them, and return how many were not stored before."""
-        fresh: list[ObservationSpan] = []
-        for observation in observations:
-            span = ObservationSpan.of(observation)
-            near = heapq.nsmallest(
-                CANDIDATES,
-                (other for other in fresh if other.comparable(span)),
-                key=lambda other: abs(other.observation.start_time - observation.start_time),
-            )
-            times = (span.first, span.last, observation.start_time)
-            near_rows = self.database.rows(NEAR, (span.has_detections, *times))
-            stored = readable_observations(text for (text,) in near_rows)
-            same = (*stored, *(other.observation for other in near))
-            if not any(other.same_motion(observation) for other in same):
-                fresh.append(span)
-        new = [span.observation for span in fresh]
-        texts = [readable_text(observation) for observation in new]
-        materials = observation_materials(new)
+        texts = [readable_text(observation) for observation in observations]
         with self.database.writing() as connection:
-            self._check_materials(connection, materials)
-            before = database_bytes(connection)
-            count = sum(
-                insert_observation(connection, observation, text, time.time())
-                for observation, text in zip(new, texts, strict=True)
-            )
+            before, count = database_bytes(connection), 0
+            for observation, text in zip(observations, texts, strict=True):
+                if not has_same_motion(connection, observation):
+                    self._check_materials(connection, observation.materials)
+                    insert_observation(connection, observation, text, time.time())
+                    count += 1
             # SQLite's max_page_count would refuse versions of θ_s too, as if the disk were full.
             self._check_size(before, database_bytes(connection))
             return count

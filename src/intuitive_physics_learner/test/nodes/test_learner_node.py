@@ -5,7 +5,6 @@ import os
 import resource
 import signal
 import sqlite3
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -387,21 +386,6 @@ def queue_status(caller):
     return status and (status[0], status[2]["waiting"])
 
 
-def test_an_unreadable_row_does_not_keep_it_from_starting(start, caller, glides, tmp_path):
-    with ObservationStore(tmp_path / "learner.sqlite3") as store:
-        store.add_all([glides(np.random.default_rng(0), 0.5, id=id) for id in "ab"])
-    with sqlite3.connect(tmp_path / "learner.sqlite3") as file:
-        file.execute("UPDATE observations SET json = '{' WHERE id = 'a'")
-    file.close()
-    node = start("max_iterations:=10")
-    answer = caller.call(Learn)
-    assert answer.result.value == ResultCode.OK, answer.result.message
-    assert answer.static_parameters.observation_count == 1
-    caller.spin_until(lambda: "1 of 2 observations cannot be read" in node.output)
-    statuses = [entry.status for entry in caller.call(ListObservations).observations]
-    assert statuses == ["unreadable", "used"]
-
-
 def test_environment_that_the_engine_cannot_simulate(start, caller, glides):
     start("simulator:=bullet")
     corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
@@ -590,41 +574,6 @@ def test_nothing_is_lost_by_kill_9(start, caller, throws):
     after = static_parameters_from_message(again.published[0])
     assert after.to_dict() == static_parameters_from_message(before).to_dict()
     assert again.add(throws(1, 10)[0]).observation_count == 5
-    again.close()
-
-
-def test_killed_search_is_resumed(start, caller, throws, tmp_path):
-    options = LearningOptions(method="random", max_iterations=30_000, seed=4)
-    node = start("simulator:=event_driven")
-    observed = throws(8, 0)
-    caller.add_all(observed)
-    feedback = []
-    caller.start_goal(options, feedback)
-
-    def is_saved():
-        with closing(sqlite3.connect(tmp_path / "learner.sqlite3")) as database:
-            return database.execute("SELECT COUNT(*) FROM searches").fetchone()[0]
-
-    caller.spin_until(lambda: feedback and is_saved())
-    assert node.stop(signal.SIGKILL) == -signal.SIGKILL
-    assert feedback[-1].iteration < 30_000
-    caller.close()
-
-    start("simulator:=event_driven")
-    again = Caller()
-    again.greet(GetStaticParameters)
-    feedback = []
-    _, result = again.start_goal(options, feedback)
-    answer = again.result_of(result).result
-    assert answer.result.value == ResultCode.OK, answer.result.message
-    assert answer.iterations == 30_000
-    # Only what was done after the kill is new.
-    assert 0 < len(answer.cost_history) < 30_000
-    with ObservationStore(tmp_path / "whole.sqlite3") as store:
-        store.add_all(observed)
-        asked = SearchOptions("random", ConvergenceCriteria(30_000), seed=4)
-        whole = learn_from_store(store, make_simulator("event_driven"), asked).learned
-    assert static_parameters_from_message(answer.static_parameters).to_dict() == whole.to_dict()
     again.close()
 
 

@@ -1,47 +1,18 @@
-"""How J falls with iterations and time on one of the paper's synthetic sets."""
+"""How J falls with time on one of the paper's synthetic sets."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.learning.paper_sets import SIZES, TOLERANCE, Task, make_task
+from benchmarks.learning.paper_sets import TOLERANCE, Task
 from intuitive_physics.parameter_space import ParameterSpace
-from intuitive_physics.simulation import make_simulator
-from intuitive_physics_learner import (
-    ConvergenceCriteria,
-    ParameterSearch,
-    make_update_rule,
-)
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.cost.wrapped_costs import CachedCost
 from intuitive_physics_learner.joint_search import JointSearch
 from intuitive_physics_learner.search.learning_task import LearningTask
-
-
-@lru_cache(maxsize=len(SIZES))
-def _task_of(size: str, seed: int) -> Task:
-    return make_task(SIZES[size].objects, seed, make_simulator("auto", threads=1))
-
-
-def rule_history(
-    size: str, set_seed: int, rule: str, seed: int, iterations: int
-) -> NDArray[np.float64]:
-    """J over the training split of a set after each iteration of an update rule, (iterations,) m.
-
-    As in the paper, over all |θ_s| parameters and from a start of the rule's own. By one thread.
-    """
-    task = _task_of(size, set_seed)
-    space = ParameterSpace(task.start.materials)
-    made = make_update_rule(rule, space.size, np.random.default_rng(seed))
-    cost = CachedCost(task.training_cost())
-    history = ParameterSearch(cost.costs, space, made).run(ConvergenceCriteria(iterations)).history
-    # A rule that has converged has its last J from then on.
-    return np.pad(history, (0, iterations - history.size), mode="edge")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +24,7 @@ class JointRun:
 
     seconds: NDArray[np.float64]
     iterations: NDArray[np.int64]  # evaluations of J that would have simulated as much
-    training: NDArray[np.float64]  # J in m
-    test: NDArray[np.float64]  # J in m
+    test: NDArray[np.float64]  # J in m over the test split
     exact: float  # J in m over the test split from the true initial states, in the end
 
 
@@ -73,13 +43,13 @@ def joint_run(task: Task, time_limit: float) -> JointRun:
         stopped = time.perf_counter()
         seconds = stopped - began
         tested = float(test.costs([search.best_parameters])[0])
-        rows.append((seconds, search.iterations, search.best_cost, tested))
+        rows.append((seconds, search.iterations, tested))
         # The clock stands still meanwhile.
         began += time.perf_counter() - stopped
     search.conclude()
-    times, iterations, training, tests = np.array(rows).T
+    times, iterations, tests = np.array(rows).T
     exact = float(task.exact_cost().costs([search.best_parameters])[0])
-    return JointRun(times, iterations.astype(np.int64), training, tests, exact)
+    return JointRun(times, iterations.astype(np.int64), tests, exact)
 
 
 def seconds_to_tolerance(run: JointRun, oracle: float) -> float:
@@ -91,5 +61,3 @@ def seconds_to_tolerance(run: JointRun, oracle: float) -> float:
 
 
 Joint = dict[str, tuple[Task, JointRun]]  # A task and its run of joint estimation, by set
-# J in m over the training split after each iteration, by set and rule
-Histories = dict[str, dict[str, NDArray[np.float64]]]

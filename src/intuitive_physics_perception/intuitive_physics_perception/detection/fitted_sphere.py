@@ -147,6 +147,8 @@ class Start:
     sweep_deviation : standard deviation of each component of the sweep, m; 0 where it is exact
     size_is_known : whether other frames have shown its radius, so that this one need not
     is_object : whether other frames have shown that it is an object
+    must_end : whether it must end where no other sphere touches it: the part of a cluster that it
+        is fitted to would be a ball even at the tip of a finger
     """
 
     sphere: NDArray[np.float64]
@@ -154,6 +156,7 @@ class Start:
     sweep_deviation: float = 0.0
     size_is_known: bool = False
     is_object: bool = False
+    must_end: bool = False
 
     def seen_from(self, model: EnvironmentModel) -> Start:
         """Return it in the sensor's frame."""

@@ -8,7 +8,6 @@ as in `sphere_fit`.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from enum import Enum
 from math import sqrt
 from typing import Any
@@ -91,22 +90,6 @@ class Effort(Enum):
     RANDOM = 2
 
 
-@dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """A sphere to begin a fit from in a cluster.
-
-    Parameters
-    ----------
-    part : of the cluster, to which it is fitted
-    start : of the fit
-    must_end : whether it must end where no other sphere touches it
-    """
-
-    part: Part
-    start: Start
-    must_end: bool = False
-
-
 class SphereHypotheses:
     """Suggests spheres in clusters."""
 
@@ -125,8 +108,8 @@ class SphereHypotheses:
         budget: FrameBudget,
         *,
         may_move: bool,
-    ) -> Iterator[Hypothesis]:
-        """Spheres to begin fits from.
+    ) -> Iterator[tuple[Part, Start]]:
+        """Spheres to begin fits from, each with the part of the cluster that it is fitted to.
 
         Those that are expected come first, then one that moves during the exposure, those inside
         the outline, where it is that of several objects that touch, the one that the outline
@@ -136,7 +119,7 @@ class SphereHypotheses:
         """
         readings = view.readings
         for start in expected:
-            yield Hypothesis(self._fitter.part_near(view, start), start)
+            yield self._fitter.part_near(view, start), start
         if effort is Effort.EXPECTED:
             return
         if may_move:
@@ -145,12 +128,13 @@ class SphereHypotheses:
             inscribed_spheres(view.points, view.cluster, view.pixel) if view.is_organised else []
         )
         if len(inscribed) > 1:
-            for start in map(Start, inscribed):
-                yield Hypothesis(self._fitter.part_near(view, start), start, must_end=True)
+            for sphere in inscribed:
+                start = Start(sphere, must_end=True)
+                yield self._fitter.part_near(view, start), start
         whole = self._fitter.part(view)
-        yield Hypothesis(whole, Start(outline_sphere(whole.points)))
+        yield whole, Start(outline_sphere(whole.points))
         for sphere in spheres_of_radius(whole.points, self._fitter.known_radii):
-            yield Hypothesis(whole, Start(sphere))
+            yield whole, Start(sphere)
         if effort is Effort.OUTLINE:
             return
         limits = self._settings.min_radius, self._settings.max_radius
@@ -175,20 +159,20 @@ class SphereHypotheses:
                 continue
             if self._explains(single, sphere):
                 tried.append(sphere)
-                yield Hypothesis(whole, Start(sphere))
+                yield whole, Start(sphere)
 
-    def _swept(self, view: ClusterView) -> Iterator[Hypothesis]:
+    def _swept(self, view: ClusterView) -> Iterator[tuple[Part, Start]]:
         """The ball that moves as the times of its readings tell, or that an outline suggests that
         is longer than wide; nothing is known of the sweep along the line of sight."""
         longest = self._fitter.longest_sweep(view)
         if view.scan is not None:
             sphere, sweep, deviation = scanned_motion(view.readings, view.times_of(view.cluster))
             if np.linalg.norm(sweep) < longest:
-                yield Hypothesis(self._fitter.part(view), Start(sphere, sweep, deviation))
+                yield self._fitter.part(view), Start(sphere, sweep, deviation)
             return
         suggested = swept_outline(view.readings) if longest > 0.0 else None
         if suggested is not None:
-            yield Hypothesis(self._fitter.part(view), Start(*suggested, longest / SPEED_SIGMAS))
+            yield self._fitter.part(view), Start(*suggested, longest / SPEED_SIGMAS)
 
     def _explains(self, points: NDArray[np.float32], sphere: NDArray[np.float64]) -> bool:
         """Cheap inlier test before refinement: are most points in the outline on the sphere?"""

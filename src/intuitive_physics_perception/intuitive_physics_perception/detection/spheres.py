@@ -67,15 +67,8 @@ class ClusterSpheres:
     rest: float
 
 
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A sphere found in a cluster, from where its fit began, and whether it must end where no other
-    sphere touches it: the part of a cluster that it was fitted to would be a ball even at the tip
-    of a finger."""
-
-    sphere: DetectedSphere
-    start: Start
-    must_end: bool
+Candidate = tuple[DetectedSphere, Start]
+"""A sphere found in a cluster, and from where its fit began."""
 
 
 class SphereFinder:
@@ -237,13 +230,14 @@ class SphereFinder:
             )
             if candidate is None:
                 break
+            sphere, start = candidate
             # What others have left of a cluster has outlines that are none, too.
-            must_end = candidate.must_end or any(earlier.must_end for earlier in candidates)
-            candidates.append(replace(candidate, must_end=must_end))
-            view = view.part(self._off(view.readings, [candidate.sphere]))
-        if len(candidates) > 1 or any(earlier.must_end for earlier in candidates):
+            must_end = start.must_end or any(earlier.must_end for _, earlier in candidates)
+            candidates.append((sphere, replace(start, must_end=must_end)))
+            view = view.part(self._off(view.readings, [sphere]))
+        if len(candidates) > 1 or any(start.must_end for _, start in candidates):
             candidates = self._apart(whole, candidates, budget)
-        spheres = [candidate.sphere for candidate in candidates]
+        spheres = [sphere for sphere, _ in candidates]
         rest = self._off(whole.readings, spheres).mean()
         return ClusterSpheres(whole.cluster, spheres, float(rest))
 
@@ -255,22 +249,20 @@ class SphereFinder:
         that may where there is no time to see it."""
         for _ in range(APART_ROUNDS):
             for candidate in list(candidates):
+                sphere, start = candidate
                 if budget.is_spent:
-                    return [] if any(each.must_end for each in candidates) else candidates
-                others = [other.sphere for other in candidates if other is not candidate]
+                    return [] if any(each.must_end for _, each in candidates) else candidates
+                others = [other for other, _ in candidates if other is not sphere]
                 view = whole.part(self._off(whole.readings, others))
                 if len(view.cluster) < self._settings.min_points:
                     continue
-                most = TOUCHING_GOES_ON if candidate.must_end else NEW_GOES_ON
-                start = replace(
-                    candidate.start, sphere=candidate.sphere.numbers, sweep=candidate.sphere.sweep
-                )
-                part = self._fitter.part_near(view, start)
-                refitted = self._fitter.fitted(view, part, start, most)
+                most = TOUCHING_GOES_ON if start.must_end else NEW_GOES_ON
+                now = replace(start, sphere=sphere.numbers, sweep=sphere.sweep)
+                refitted = self._fitter.fitted(view, self._fitter.part_near(view, now), now, most)
                 k = candidates.index(candidate)
                 if refitted is not None:
-                    candidates[k] = replace(candidate, sphere=refitted)
-                elif candidate.must_end:
+                    candidates[k] = refitted, start
+                elif start.must_end:
                     del candidates[k]
         return candidates
 
@@ -294,17 +286,16 @@ class SphereFinder:
         may_move: bool,
     ) -> Candidate | None:
         tried = False
-        for hypothesis in self._hypotheses.of_cluster(
+        for part, start in self._hypotheses.of_cluster(
             view, expected, effort, budget, may_move=may_move
         ):
             if tried and budget.is_spent:
                 return None
             tried = True
-            part, start = hypothesis.part, hypothesis.start
             if part.total >= self._fewest(view, start.sphere):
-                sphere = self._fitter.fitted(view, part, start, beside_others=hypothesis.must_end)
+                sphere = self._fitter.fitted(view, part, start, beside_others=start.must_end)
                 if sphere is not None:
-                    return Candidate(sphere, start, hypothesis.must_end)
+                    return sphere, start
         return None
 
     def _fewest(self, view: ClusterView, sphere: NDArray[np.float64]) -> float:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from intuitive_physics_perception.detection.cluster_view import ClusterView
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.fitted_sphere import SphereFitter, Start
-from intuitive_physics_perception.detection.foreground import ForegroundFinder, neighbour_labels
+from intuitive_physics_perception.detection.foreground import ForegroundFinder
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.solids import SolidFinder, all_objects
 from intuitive_physics_perception.detection.sphere_fit import refine_sphere
@@ -279,16 +279,6 @@ def test_no_reading_makes_no_sphere(corner_model) -> None:
 
 def test_an_empty_scene_has_no_spheres(find) -> None:
     assert all(find() == [] for _ in range(3))
-
-
-def test_clusters_are_separated_by_gaps_that_grow_with_range() -> None:
-    line = np.linspace(0.0, 0.3, 30)
-    near = np.column_stack([line, np.zeros(30), np.ones(30)])
-    groups = np.concatenate([near, near + [0.0, 0.1, 0.0], 5.0 * near + [0.0, 0.0, 3.0]])
-    labels = neighbour_labels(groups, 0.04)
-    assert len(set(labels)) == 3
-    assert all(len(set(labels[k : k + 30])) == 1 for k in (0, 30, 60))
-    assert neighbour_labels(np.zeros((0, 3)), 0.04).size == 0
 
 
 def test_noise_grows_with_range_squared_up_to_its_limit() -> None:

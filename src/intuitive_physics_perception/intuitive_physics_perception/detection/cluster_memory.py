@@ -44,7 +44,6 @@ class RememberedCluster:
     phase : in which frame of a period it is searched, so that not all are in the same one
     result : the box or capsule that the last search found
     waited : frames in which its search had to wait, since the last one
-    looks : how often its outline was looked at in vain meanwhile
     searches, successes : how often it was searched, and how often something was found
     """
 
@@ -54,7 +53,6 @@ class RememberedCluster:
     phase: int
     result: DetectedSolid | None
     waited: int = 0
-    looks: int = 0
     searches: int = 0
     successes: int = 0
 
@@ -63,11 +61,6 @@ class RememberedCluster:
         """Whether to search it: what stays the same only rarely, as that costs most of the time."""
         turn = (self.frames + self.phase) % SEARCH_PERIOD == 0
         return self.frames < FIRST_SEARCHES or turn
-
-    @property
-    def deserves_a_look(self) -> bool:
-        """Whether to look at its outline while its search has to wait."""
-        return self.deserves_a_search and self.looks < FIRST_SEARCHES
 
     @property
     def has_just_come(self) -> bool:
@@ -138,17 +131,13 @@ class ClusterMemory:
 
     def keep(self, cluster: RememberedCluster, result: DetectedSolid | None = None) -> None:
         """Remember a cluster for the next frame with what its search has found."""
-        cluster.result, cluster.waited, cluster.looks = result, 0, 0
+        cluster.result, cluster.waited = result, 0
         self._next.append(cluster)
 
-    def postpone(self, cluster: RememberedCluster, *, looked: bool = False) -> None:
-        """Remember a cluster of which the search has to wait for the next frame.
-
-        `looked`: whether its outline was looked at.
-        """
+    def postpone(self, cluster: RememberedCluster) -> None:
+        """Remember a cluster of which the search has to wait for the next frame."""
         cluster.frames -= 1
         cluster.waited += 1
-        cluster.looks += looked
         self._next.append(cluster)
 
     def end_frame(self) -> None:

@@ -25,8 +25,7 @@ from intuitive_physics_perception.detection.foreground import Clusters, in_a_row
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.sphere_hypotheses import (
     SPHERES_IN_CLUSTER,
-    Effort,
-    SphereHypotheses,
+    sphere_hypotheses,
 )
 from intuitive_physics_perception.detection.static_spheres import StaticSpheres, evidence_of_looks
 from intuitive_physics_perception.detection.swept_sphere import passing_way
@@ -86,7 +85,6 @@ class SphereFinder:
         self._static = StaticSpheres()
         self._lateral = noise.lateral
         self._fitter = SphereFitter(noise, settings, rng)
-        self._hypotheses = SphereHypotheses(self._fitter, settings, rng)
         self.look_from(model)
 
     def look_from(self, model: EnvironmentModel) -> None:
@@ -99,7 +97,6 @@ class SphereFinder:
         self,
         points: NDArray[np.float32],
         clusters: Clusters,
-        searches: int | None = None,
         expected: Sequence[Start] = (),
         budget: FrameBudget | None = None,
         scan: Scan | None = None,
@@ -107,20 +104,17 @@ class SphereFinder:
         """Return the spheres by cluster of a frame of points (height, width, 3), in the sensor's
         frame.
 
-        `searches`: clusters that are searched at random where neither expectation nor outline
-        suggests a sphere, in turn; None: all; `expected`: spheres that are followed, where they
-        should be; `budget`: when it is spent, these alone are still looked for, and clusters that
-        have not been searched to the end wait, too; but the first one, as it had nearly all of the
-        time. None has no end; `scan`: when the points were read; None: all are of one time.
+        `expected`: spheres that are followed, where they should be; `budget`: when it is spent,
+        these alone are still looked for, and clusters that have not been searched to the end wait,
+        too; but the first one, as it had nearly all of the time. None has no end; `scan`: when the
+        points were read; None: all are of one time.
         """
         budget = budget or FrameBudget()
         results, searched = [], []
-        left = len(clusters.indices) if searches is None else searches
         flat = points.reshape(-1, 3)
         order, starts = clusters.in_a_row
         remembered = self._memory.recall(means_of(flat, order, starts), np.diff(starts))
         followed = _followed_in(flat, order, starts, expected)
-        others_wait = any(memory.waited > 0 for memory in remembered)
         has_begun = False
         is_round = roundness_of(order, starts, points.shape[1]) > ROUND_OUTLINE
         if points.shape[0] == 1:
@@ -132,35 +126,29 @@ class SphereFinder:
                 budget.waiting += 1
                 self._memory.postpone(memory)
                 continue
-            # What flickers has just come in each frame, and must not keep the others waiting.
-            may_search = left > 0 and not (memory.has_just_come and others_wait)
-            effort = Effort.EXPECTED if budget.is_spent else self._effort(memory, may_search)
+            is_search = memory.deserves_a_search and not budget.is_spent
             inside = self._spheres_in(
                 ClusterView(points, cluster, clusters.marks, scan),
                 followed[k],
-                effort,
                 budget,
+                is_searched=is_search,
                 may_move=memory.has_just_come,
             )
             results.append(inside)
-            is_search = effort is not Effort.EXPECTED
             if has_begun and is_search and budget.is_spent and not inside.spheres:
                 budget.waiting += 1
                 self._memory.postpone(memory)
                 continue
             has_begun |= is_search
             searched += [cluster] if is_search else []
-            if inside.spheres or effort is Effort.RANDOM:
+            if inside.spheres or is_search:
                 memory = memory.after_search(success=bool(inside.spheres))
-            if inside.spheres:
+            if inside.spheres or is_search or not memory.deserves_a_search:
                 self._memory.keep(memory)
-                if not clusters.new[k] and not self._is_trusted(memory):
-                    results[-1] = ClusterSpheres(cluster, [], 1.0)
-            elif effort is Effort.RANDOM or not memory.deserves_a_search:
-                self._memory.keep(memory)
-                left -= effort is Effort.RANDOM
             else:
-                self._memory.postpone(memory, looked=is_search)
+                self._memory.postpone(memory)
+            if inside.spheres and not clusters.new[k] and not self._is_trusted(memory):
+                results[-1] = ClusterSpheres(cluster, [], 1.0)
         budget.is_urgent = False
         self._memory.end_frame()
         near = reached_by(flat, *in_a_row(searched), self._static.spheres).any(axis=0)
@@ -205,28 +193,24 @@ class SphereFinder:
         failures = memory.searches - memory.successes
         return evidence_of_looks(memory.successes, failures) > 0.0
 
-    @staticmethod
-    def _effort(memory: RememberedCluster, may_search: bool) -> Effort:
-        """Effort of a search: a cluster that has to wait for it is searched by its outline, as
-        often as at first."""
-        if memory.deserves_a_search and may_search:
-            return Effort.RANDOM
-        return Effort.OUTLINE if memory.deserves_a_look else Effort.EXPECTED
-
     def _spheres_in(
         self,
         whole: ClusterView,
         expected: Sequence[Start],
-        effort: Effort,
         budget: FrameBudget,
         *,
+        is_searched: bool,
         may_move: bool,
     ) -> ClusterSpheres:
         candidates: list[Candidate] = []
         view, fewest = whole, self._settings.min_points
         while len(candidates) < SPHERES_IN_CLUSTER and len(view.cluster) >= fewest:
             candidate = self._best_sphere(
-                view, expected, effort, budget, may_move=may_move and not candidates
+                view,
+                expected,
+                budget,
+                is_searched=is_searched,
+                may_move=may_move and not candidates,
             )
             if candidate is None:
                 break
@@ -280,14 +264,14 @@ class SphereFinder:
         self,
         view: ClusterView,
         expected: Sequence[Start],
-        effort: Effort,
         budget: FrameBudget,
         *,
+        is_searched: bool,
         may_move: bool,
     ) -> Candidate | None:
         tried = False
-        for part, start in self._hypotheses.of_cluster(
-            view, expected, effort, budget, may_move=may_move
+        for part, start in sphere_hypotheses(
+            view, expected, self._fitter, is_searched=is_searched, may_move=may_move
         ):
             if tried and budget.is_spent:
                 return None

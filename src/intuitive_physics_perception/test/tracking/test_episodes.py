@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 
 from intuitive_physics.observation import Observation
-from intuitive_physics.scene import SceneObject
-from intuitive_physics.shapes import Sphere
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import EpisodeRecorder, observations_of
-from intuitive_physics_perception.tracking.free_motion import FreeMotion, Record
+from intuitive_physics_perception.tracking.free_motion import FreeMotion
 from intuitive_physics_perception.tracking.tracker import COAST_TIME, Tracker
 
-from ..conftest import FLOOR, seen_sphere
+from ..conftest import FLOOR, seen_record, seen_sphere
 
 SETTINGS = PerceptionSettings()
 STEP = 1.0 / 30.0
@@ -23,18 +21,9 @@ NOISE = 0.001
 RADIUS = 0.05
 
 
-def record(rng, times, path, name="ball", noise=NOISE):
-    positions = path + noise * rng.normal(size=path.shape)
-    return Record(
-        SceneObject(name, "m", Sphere(RADIUS)),
-        np.asarray(times),
-        positions,
-        np.tile(noise**2 * np.eye(3), (len(path), 1, 1)),
-        np.zeros((3, 3)),
-        None,
-        np.asarray(times),
-        positions,
-    )
+def record(rng, times, path, name="ball"):
+    noise = np.tile(NOISE**2 * np.eye(3), (len(path), 1, 1))
+    return seen_record(rng, times, path, noise, name)
 
 
 def state(ball, time):

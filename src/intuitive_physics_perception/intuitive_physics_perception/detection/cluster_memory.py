@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -44,7 +44,6 @@ class RememberedCluster:
     phase : in which frame of a period it is searched, so that not all are in the same one
     result : the box or capsule that the last search found
     waited : frames in which its search had to wait, since the last one
-    searches, successes : how often it was searched, and how often something was found
     """
 
     centre: NDArray[np.float64]
@@ -53,8 +52,6 @@ class RememberedCluster:
     phase: int
     result: DetectedSolid | None
     waited: int = 0
-    searches: int = 0
-    successes: int = 0
 
     @property
     def deserves_a_search(self) -> bool:
@@ -66,15 +63,6 @@ class RememberedCluster:
     def has_just_come(self) -> bool:
         """Whether it was not there before, or elsewhere."""
         return self.frames == 0 and self.waited == 0
-
-    def after_search(self, *, success: bool) -> RememberedCluster:
-        """Return it after a search; after a success it is searched in the next frame, too."""
-        return replace(
-            self,
-            frames=0 if success else self.frames,
-            searches=self.searches + 1,
-            successes=self.successes + success,
-        )
 
 
 class ClusterMemory:

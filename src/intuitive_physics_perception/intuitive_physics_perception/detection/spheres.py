@@ -27,7 +27,7 @@ from intuitive_physics_perception.detection.sphere_hypotheses import (
     SPHERES_IN_CLUSTER,
     sphere_hypotheses,
 )
-from intuitive_physics_perception.detection.static_spheres import StaticSpheres, evidence_of_looks
+from intuitive_physics_perception.detection.static_spheres import StaticSpheres
 from intuitive_physics_perception.detection.swept_sphere import passing_way
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.frame import Scan
@@ -141,14 +141,13 @@ class SphereFinder:
                 continue
             has_begun |= is_search
             searched += [cluster] if is_search else []
-            if inside.spheres or is_search:
-                memory = memory.after_search(success=bool(inside.spheres))
+            if inside.spheres:
+                # It is searched in the next frame, too.
+                memory.frames = 0
             if inside.spheres or is_search or not memory.deserves_a_search:
                 self._memory.keep(memory)
             else:
                 self._memory.postpone(memory)
-            if inside.spheres and not clusters.new[k] and not self._is_trusted(memory):
-                results[-1] = ClusterSpheres(cluster, [], 1.0)
         budget.is_urgent = False
         self._memory.end_frame()
         near = reached_by(flat, *in_a_row(searched), self._static.spheres).any(axis=0)
@@ -186,12 +185,6 @@ class SphereFinder:
             or self._static.is_trusted(sphere)
         ]
         return replace(part, spheres=balls, rest=part.rest if balls else 1.0)
-
-    def _is_trusted(self, memory: RememberedCluster) -> bool:
-        """Whether what was there when the environment was modelled has been a sphere in enough
-        searches: a cluster that fits one only by its noise is none."""
-        failures = memory.searches - memory.successes
-        return evidence_of_looks(memory.successes, failures) > 0.0
 
     def _spheres_in(
         self,

@@ -141,12 +141,8 @@ class ClusterMemory:
 
 @allocating_entry
 def _recognised(centres: Any, counts: Any, moved2: Any, old_centres: Any, old_counts: Any) -> Any:
-    """Return for each cluster of a frame the first of the last ones that is alike and that none
-    before it was recognised as, (n,); -1 where none is.
-
-    `centres` (n, 3) m and `counts` (n,) of points; `moved2` (n,) m², square of the movement of one
-    that stays as it is; `old_centres` (m, 3) m and `old_counts` (m,), 0 where one is taken.
-    """
+    """The first of the last clusters that each of a frame (n,) is like, and none before it; -1 for
+    none. `moved2` (n,) m²: square of the movement of one that stays; count 0 is of one taken."""
     places = np.full(counts.size, -1)
     taken = np.zeros(old_counts.size, dtype=np.bool_)
     for i in range(counts.size):

@@ -293,9 +293,6 @@ def _in_turn(
     come into view, as a ball in flight does in each frame, and what has waited longest take turns;
     of what has just come, what has a round outline is first, and of that what is large: what
     flickers is small and seldom round.
-
-    `followed`: spheres that are expected in each; `new`: whether each is; `remembered`: what is
-    known of each; `is_round`: whether its outline is.
     """
     order = sorted(range(len(new)), key=lambda k: (-remembered[k].waited, remembered[k].count))
     came = [k for k in order if new[k] and not followed[k] and remembered[k].has_just_come]

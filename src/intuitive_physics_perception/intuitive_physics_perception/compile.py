@@ -41,7 +41,7 @@ def warm_up() -> None:
         WIDTH, HEIGHT, [FOCAL_LENGTH, 0, WIDTH / 2, 0, FOCAL_LENGTH, HEIGHT / 2, 0, 0, 1]
     ).rays()
     wall = np.full((HEIGHT, WIDTH), 2.0, dtype=np.float32)
-    # A box is searched for spheres at random, which a ball is not.
+    # A box is fitted as a solid, which a ball is not.
     box = wall.copy()
     box[20:40, 20:40] = 1.2
     frames = [points_from_depth(depth, rays) for depth in (wall, _with_ball(wall, rays), box)]

@@ -121,11 +121,8 @@ class Hindsight:
 def _expected_in(
     frame: Frame, track: Track, tracker: Tracker, model: EnvironmentModel
 ) -> tuple[float, ExpectedBefore | None]:
-    """When, s, a frame must have shown a track, and where it was expected then.
-
-    A sensor reads each place at a time of its own, which need not be that at which another one
-    reads it.
-    """
+    """When, s, a frame must have shown a track, and where it was expected then: a sensor reads each
+    place at a time of its own."""
     later = [seen.center for when, seen in track.detections if when > frame.time]
     place = later[0] if later else track.mean[POSITION]
     time, expected = frame.time + frame.delay_towards(model.to_sensor(place)), None

@@ -47,9 +47,6 @@ from intuitive_physics_perception.tracking.episodes import (
 from intuitive_physics_perception.tracking.followed_objects import FollowedObjects
 from intuitive_physics_perception.tracking.track import Track
 
-SEARCHES_IN_FRAME = 1
-"""Clusters that are searched for spheres at random in one frame, which bounds its time."""
-
 
 class PerceptionPipeline:
     """Perceives frame after frame of one sensor, which stands still or moves slowly, or whose pose
@@ -318,9 +315,7 @@ class PerceptionPipeline:
             expected = [
                 start.seen_from(eye.model) for start in tracker.expected_spheres(time, frame.scan)
             ]
-            spheres = eye.stages.spheres.find(
-                points, clusters, SEARCHES_IN_FRAME, expected, budget, frame.scan
-            )
+            spheres = eye.stages.spheres.find(points, clusters, expected, budget, frame.scan)
         with timer.stage("solids"):
             seen = all_objects(points, spheres, eye.stages.solids, frame.colors, budget)
             pixels = [item.pixels(points) for item in seen]

@@ -318,12 +318,8 @@ def _revised_stages(
     rng: np.random.Generator,
     follows_sensor: bool,
 ) -> tuple[Stages, View, SensorMotion | None]:
-    """Stages for an environment of which something has come or gone, the view of it, and what
-    follows the sensor by that.
-
-    `points` (height, width, 3) m, settled readings; `before` (height, width) m and `space` as in
-    `Stages`.
-    """
+    """Stages for an environment of which something has come or gone, the view of it by settled
+    `points` (height, width, 3) m, and what follows the sensor by that."""
     revised = revised_environment(model, points, settings, rng)
     revised = with_static_boxes(revised, [points], settings, rng, model.environment.boxes)
     stages = Stages(revised, settings, rng, before, space)

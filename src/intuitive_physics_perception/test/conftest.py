@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
-from intuitive_physics.scene import Environment, Plane
+from intuitive_physics.scene import Environment, Plane, SceneObject
+from intuitive_physics.shapes import Sphere
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.environment.environment_model import (
     EnvironmentModel,
@@ -23,6 +24,7 @@ from intuitive_physics_perception.input.camera import Intrinsics
 from intuitive_physics_perception.input.depth import points_from_depth
 from intuitive_physics_perception.pipeline import PerceptionPipeline
 from intuitive_physics_perception.settings import PerceptionSettings
+from intuitive_physics_perception.tracking.free_motion import Record
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 525.0
 
@@ -324,6 +326,20 @@ def seen_sphere(
     """A sphere with the errors of one frame, of one deviation in m in place and radius."""
     error, covariance = noise * rng.normal(size=4), noise**2 * np.eye(4)
     return DetectedSphere(place + error[:3], radius + error[3], covariance, 200, 2.0, **more)
+
+
+def seen_record(
+    rng: np.random.Generator,
+    times: NDArray[np.float64],
+    places: NDArray[np.float64],
+    covariances: NDArray[np.float64],
+    name: str = "ball",
+) -> Record:
+    """Detections (n,) of a ball of 5 cm radius at places (n, 3) m, with errors of their covariances
+    (n, 3, 3) m²."""
+    errors = np.einsum("nij,nj->ni", np.linalg.cholesky(covariances), rng.normal(size=places.shape))
+    seen, ball = places + errors, SceneObject(name, "m", Sphere(0.05))
+    return Record(ball, times, seen, covariances, np.zeros((3, 3)), None, times, seen)
 
 
 def waves(seed: int, number: float = 7.0) -> Callable[[NDArray], NDArray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -44,8 +44,6 @@ class RememberedCluster:
     phase : in which frame of a period it is searched, so that not all are in the same one
     result : the box or capsule that the last search found
     waited : frames in which its search had to wait, since the last one
-    looks : how often its outline was looked at in vain meanwhile
-    searches, successes : how often it was searched, and how often something was found
     """
 
     centre: NDArray[np.float64]
@@ -54,9 +52,6 @@ class RememberedCluster:
     phase: int
     result: DetectedSolid | None
     waited: int = 0
-    looks: int = 0
-    searches: int = 0
-    successes: int = 0
 
     @property
     def deserves_a_search(self) -> bool:
@@ -65,23 +60,9 @@ class RememberedCluster:
         return self.frames < FIRST_SEARCHES or turn
 
     @property
-    def deserves_a_look(self) -> bool:
-        """Whether to look at its outline while its search has to wait."""
-        return self.deserves_a_search and self.looks < FIRST_SEARCHES
-
-    @property
     def has_just_come(self) -> bool:
         """Whether it was not there before, or elsewhere."""
         return self.frames == 0 and self.waited == 0
-
-    def after_search(self, *, success: bool) -> RememberedCluster:
-        """Return it after a search; after a success it is searched in the next frame, too."""
-        return replace(
-            self,
-            frames=0 if success else self.frames,
-            searches=self.searches + 1,
-            successes=self.successes + success,
-        )
 
 
 class ClusterMemory:
@@ -138,17 +119,13 @@ class ClusterMemory:
 
     def keep(self, cluster: RememberedCluster, result: DetectedSolid | None = None) -> None:
         """Remember a cluster for the next frame with what its search has found."""
-        cluster.result, cluster.waited, cluster.looks = result, 0, 0
+        cluster.result, cluster.waited = result, 0
         self._next.append(cluster)
 
-    def postpone(self, cluster: RememberedCluster, *, looked: bool = False) -> None:
-        """Remember a cluster of which the search has to wait for the next frame.
-
-        `looked`: whether its outline was looked at.
-        """
+    def postpone(self, cluster: RememberedCluster) -> None:
+        """Remember a cluster of which the search has to wait for the next frame."""
         cluster.frames -= 1
         cluster.waited += 1
-        cluster.looks += looked
         self._next.append(cluster)
 
     def end_frame(self) -> None:
@@ -164,12 +141,8 @@ class ClusterMemory:
 
 @allocating_entry
 def _recognised(centres: Any, counts: Any, moved2: Any, old_centres: Any, old_counts: Any) -> Any:
-    """Return for each cluster of a frame the first of the last ones that is alike and that none
-    before it was recognised as, (n,); -1 where none is.
-
-    `centres` (n, 3) m and `counts` (n,) of points; `moved2` (n,) m², square of the movement of one
-    that stays as it is; `old_centres` (m, 3) m and `old_counts` (m,), 0 where one is taken.
-    """
+    """The first of the last clusters that each of a frame (n,) is like, and none before it; -1 for
+    none. `moved2` (n,) m²: square of the movement of one that stays; count 0 is of one taken."""
     places = np.full(counts.size, -1)
     taken = np.zeros(old_counts.size, dtype=np.bool_)
     for i in range(counts.size):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,6 +146,8 @@ class Start:
     sweep_deviation : standard deviation of each component of the sweep, m; 0 where it is exact
     size_is_known : whether other frames have shown its radius, so that this one need not
     is_object : whether other frames have shown that it is an object
+    must_end : whether it must end where no other sphere touches it: the part of a cluster that it
+        is fitted to would be a ball even at the tip of a finger
     """
 
     sphere: NDArray[np.float64]
@@ -154,6 +155,7 @@ class Start:
     sweep_deviation: float = 0.0
     size_is_known: bool = False
     is_object: bool = False
+    must_end: bool = False
 
     def seen_from(self, model: EnvironmentModel) -> Start:
         """Return it in the sensor's frame."""
@@ -308,7 +310,9 @@ class SphereFitter:
         """Return as many of a cluster's points, or of those that are chosen, (n,), as a sphere is
         fitted to."""
         every = np.arange(len(view.cluster)) if chosen is None else np.flatnonzero(chosen)
-        some = self.some(every, FITTED_POINTS)
+        some = every
+        if len(every) > FITTED_POINTS:
+            some = every[self._rng.choice(len(every), FITTED_POINTS, replace=False)]
         return Part(view.readings[some], view.times_of(view.cluster[some]), len(every))
 
     def part_near(self, view: ClusterView, start: Start) -> Part:
@@ -322,12 +326,6 @@ class SphereFitter:
         """Return as many of those points whose rays meet a sphere well inside its outline."""
         passed = passing_way(view.readings, start.sphere[:3], start.sweep)
         return self.part(view, passed < INSIDE * start.sphere[3])
-
-    def some(self, items: NDArray[Any], count: int) -> NDArray[Any]:
-        """Return at most `count` random ones, (m, ...), of items (n, ...)."""
-        if len(items) <= count:
-            return items
-        return items[self._rng.choice(len(items), count, replace=False)]
 
     def _swept(
         self, view: ClusterView, part: Part, start: Start

@@ -25,10 +25,9 @@ from intuitive_physics_perception.detection.foreground import Clusters, in_a_row
 from intuitive_physics_perception.detection.frame_budget import FrameBudget
 from intuitive_physics_perception.detection.sphere_hypotheses import (
     SPHERES_IN_CLUSTER,
-    Effort,
-    SphereHypotheses,
+    sphere_hypotheses,
 )
-from intuitive_physics_perception.detection.static_spheres import StaticSpheres, evidence_of_looks
+from intuitive_physics_perception.detection.static_spheres import StaticSpheres
 from intuitive_physics_perception.detection.swept_sphere import passing_way
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.frame import Scan
@@ -67,15 +66,8 @@ class ClusterSpheres:
     rest: float
 
 
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A sphere found in a cluster, from where its fit began, and whether it must end where no other
-    sphere touches it: the part of a cluster that it was fitted to would be a ball even at the tip
-    of a finger."""
-
-    sphere: DetectedSphere
-    start: Start
-    must_end: bool
+Candidate = tuple[DetectedSphere, Start]
+"""A sphere found in a cluster, and from where its fit began."""
 
 
 class SphereFinder:
@@ -93,7 +85,6 @@ class SphereFinder:
         self._static = StaticSpheres()
         self._lateral = noise.lateral
         self._fitter = SphereFitter(noise, settings, rng)
-        self._hypotheses = SphereHypotheses(self._fitter, settings, rng)
         self.look_from(model)
 
     def look_from(self, model: EnvironmentModel) -> None:
@@ -106,7 +97,6 @@ class SphereFinder:
         self,
         points: NDArray[np.float32],
         clusters: Clusters,
-        searches: int | None = None,
         expected: Sequence[Start] = (),
         budget: FrameBudget | None = None,
         scan: Scan | None = None,
@@ -114,20 +104,17 @@ class SphereFinder:
         """Return the spheres by cluster of a frame of points (height, width, 3), in the sensor's
         frame.
 
-        `searches`: clusters that are searched at random where neither expectation nor outline
-        suggests a sphere, in turn; None: all; `expected`: spheres that are followed, where they
-        should be; `budget`: when it is spent, these alone are still looked for, and clusters that
-        have not been searched to the end wait, too; but the first one, as it had nearly all of the
-        time. None has no end; `scan`: when the points were read; None: all are of one time.
+        `expected`: spheres that are followed, where they should be; `budget`: when it is spent,
+        these alone are still looked for, and clusters that have not been searched to the end wait,
+        too; but the first one, as it had nearly all of the time. None has no end; `scan`: when the
+        points were read; None: all are of one time.
         """
         budget = budget or FrameBudget()
         results, searched = [], []
-        left = len(clusters.indices) if searches is None else searches
         flat = points.reshape(-1, 3)
         order, starts = clusters.in_a_row
         remembered = self._memory.recall(means_of(flat, order, starts), np.diff(starts))
         followed = _followed_in(flat, order, starts, expected)
-        others_wait = any(memory.waited > 0 for memory in remembered)
         has_begun = False
         is_round = roundness_of(order, starts, points.shape[1]) > ROUND_OUTLINE
         if points.shape[0] == 1:
@@ -139,35 +126,28 @@ class SphereFinder:
                 budget.waiting += 1
                 self._memory.postpone(memory)
                 continue
-            # What flickers has just come in each frame, and must not keep the others waiting.
-            may_search = left > 0 and not (memory.has_just_come and others_wait)
-            effort = Effort.EXPECTED if budget.is_spent else self._effort(memory, may_search)
+            is_search = memory.deserves_a_search and not budget.is_spent
             inside = self._spheres_in(
                 ClusterView(points, cluster, clusters.marks, scan),
                 followed[k],
-                effort,
                 budget,
+                is_searched=is_search,
                 may_move=memory.has_just_come,
             )
             results.append(inside)
-            is_search = effort is not Effort.EXPECTED
             if has_begun and is_search and budget.is_spent and not inside.spheres:
                 budget.waiting += 1
                 self._memory.postpone(memory)
                 continue
             has_begun |= is_search
             searched += [cluster] if is_search else []
-            if inside.spheres or effort is Effort.RANDOM:
-                memory = memory.after_search(success=bool(inside.spheres))
             if inside.spheres:
+                # It is searched in the next frame, too.
+                memory.frames = 0
+            if inside.spheres or is_search or not memory.deserves_a_search:
                 self._memory.keep(memory)
-                if not clusters.new[k] and not self._is_trusted(memory):
-                    results[-1] = ClusterSpheres(cluster, [], 1.0)
-            elif effort is Effort.RANDOM or not memory.deserves_a_search:
-                self._memory.keep(memory)
-                left -= effort is Effort.RANDOM
             else:
-                self._memory.postpone(memory, looked=is_search)
+                self._memory.postpone(memory)
         budget.is_urgent = False
         self._memory.end_frame()
         near = reached_by(flat, *in_a_row(searched), self._static.spheres).any(axis=0)
@@ -206,44 +186,35 @@ class SphereFinder:
         ]
         return replace(part, spheres=balls, rest=part.rest if balls else 1.0)
 
-    def _is_trusted(self, memory: RememberedCluster) -> bool:
-        """Whether what was there when the environment was modelled has been a sphere in enough
-        searches: a cluster that fits one only by its noise is none."""
-        failures = memory.searches - memory.successes
-        return evidence_of_looks(memory.successes, failures) > 0.0
-
-    @staticmethod
-    def _effort(memory: RememberedCluster, may_search: bool) -> Effort:
-        """Effort of a search: a cluster that has to wait for it is searched by its outline, as
-        often as at first."""
-        if memory.deserves_a_search and may_search:
-            return Effort.RANDOM
-        return Effort.OUTLINE if memory.deserves_a_look else Effort.EXPECTED
-
     def _spheres_in(
         self,
         whole: ClusterView,
         expected: Sequence[Start],
-        effort: Effort,
         budget: FrameBudget,
         *,
+        is_searched: bool,
         may_move: bool,
     ) -> ClusterSpheres:
         candidates: list[Candidate] = []
         view, fewest = whole, self._settings.min_points
         while len(candidates) < SPHERES_IN_CLUSTER and len(view.cluster) >= fewest:
             candidate = self._best_sphere(
-                view, expected, effort, budget, may_move=may_move and not candidates
+                view,
+                expected,
+                budget,
+                is_searched=is_searched,
+                may_move=may_move and not candidates,
             )
             if candidate is None:
                 break
+            sphere, start = candidate
             # What others have left of a cluster has outlines that are none, too.
-            must_end = candidate.must_end or any(earlier.must_end for earlier in candidates)
-            candidates.append(replace(candidate, must_end=must_end))
-            view = view.part(self._off(view.readings, [candidate.sphere]))
-        if len(candidates) > 1 or any(earlier.must_end for earlier in candidates):
+            must_end = start.must_end or any(earlier.must_end for _, earlier in candidates)
+            candidates.append((sphere, replace(start, must_end=must_end)))
+            view = view.part(self._off(view.readings, [sphere]))
+        if len(candidates) > 1 or any(start.must_end for _, start in candidates):
             candidates = self._apart(whole, candidates, budget)
-        spheres = [candidate.sphere for candidate in candidates]
+        spheres = [sphere for sphere, _ in candidates]
         rest = self._off(whole.readings, spheres).mean()
         return ClusterSpheres(whole.cluster, spheres, float(rest))
 
@@ -255,22 +226,20 @@ class SphereFinder:
         that may where there is no time to see it."""
         for _ in range(APART_ROUNDS):
             for candidate in list(candidates):
+                sphere, start = candidate
                 if budget.is_spent:
-                    return [] if any(each.must_end for each in candidates) else candidates
-                others = [other.sphere for other in candidates if other is not candidate]
+                    return [] if any(each.must_end for _, each in candidates) else candidates
+                others = [other for other, _ in candidates if other is not sphere]
                 view = whole.part(self._off(whole.readings, others))
                 if len(view.cluster) < self._settings.min_points:
                     continue
-                most = TOUCHING_GOES_ON if candidate.must_end else NEW_GOES_ON
-                start = replace(
-                    candidate.start, sphere=candidate.sphere.numbers, sweep=candidate.sphere.sweep
-                )
-                part = self._fitter.part_near(view, start)
-                refitted = self._fitter.fitted(view, part, start, most)
+                most = TOUCHING_GOES_ON if start.must_end else NEW_GOES_ON
+                now = replace(start, sphere=sphere.numbers, sweep=sphere.sweep)
+                refitted = self._fitter.fitted(view, self._fitter.part_near(view, now), now, most)
                 k = candidates.index(candidate)
                 if refitted is not None:
-                    candidates[k] = replace(candidate, sphere=refitted)
-                elif candidate.must_end:
+                    candidates[k] = refitted, start
+                elif start.must_end:
                     del candidates[k]
         return candidates
 
@@ -288,23 +257,22 @@ class SphereFinder:
         self,
         view: ClusterView,
         expected: Sequence[Start],
-        effort: Effort,
         budget: FrameBudget,
         *,
+        is_searched: bool,
         may_move: bool,
     ) -> Candidate | None:
         tried = False
-        for hypothesis in self._hypotheses.of_cluster(
-            view, expected, effort, budget, may_move=may_move
+        for part, start in sphere_hypotheses(
+            view, expected, self._fitter, is_searched=is_searched, may_move=may_move
         ):
             if tried and budget.is_spent:
                 return None
             tried = True
-            part, start = hypothesis.part, hypothesis.start
             if part.total >= self._fewest(view, start.sphere):
-                sphere = self._fitter.fitted(view, part, start, beside_others=hypothesis.must_end)
+                sphere = self._fitter.fitted(view, part, start, beside_others=start.must_end)
                 if sphere is not None:
-                    return Candidate(sphere, start, hypothesis.must_end)
+                    return sphere, start
         return None
 
     def _fewest(self, view: ClusterView, sphere: NDArray[np.float64]) -> float:
@@ -325,9 +293,6 @@ def _in_turn(
     come into view, as a ball in flight does in each frame, and what has waited longest take turns;
     of what has just come, what has a round outline is first, and of that what is large: what
     flickers is small and seldom round.
-
-    `followed`: spheres that are expected in each; `new`: whether each is; `remembered`: what is
-    known of each; `is_round`: whether its outline is.
     """
     order = sorted(range(len(new)), key=lambda k: (-remembered[k].waited, remembered[k].count))
     came = [k for k in order if new[k] and not followed[k] and remembered[k].has_just_come]

@@ -89,18 +89,6 @@ def test_noise_makes_no_new_cluster_of_what_is_far() -> None:
     assert new_clusters <= 4
 
 
-@given(results=st.lists(st.booleans(), min_size=1, max_size=30))
-def test_successes_are_counted_as_long_as_a_cluster_stays(results: list[bool]) -> None:
-    memory = ClusterMemory(RADIUS, NOISE)
-    for result in results:
-        cluster = recalled(memory).after_search(success=result)
-        assert not result or cluster.deserves_a_search
-        memory.keep(cluster)
-        memory.end_frame()
-    cluster = recalled(memory)
-    assert (cluster.searches, cluster.successes) == (len(results), sum(results))
-
-
 @given(order=st.permutations([0, 1, 2, 3]))
 def test_what_waits_is_counted_until_it_is_searched(order: list[int]) -> None:
     memory = ClusterMemory(RADIUS, NOISE)

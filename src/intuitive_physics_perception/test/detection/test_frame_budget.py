@@ -117,7 +117,7 @@ def test_what_is_followed_is_found_when_the_time_is_over(frame) -> None:
     model, points, clusters, (near, _) = frame
     finder = SphereFinder(model, SETTINGS, np.random.default_rng(0))
     budget = spent()
-    found = centres(finder.find(points, clusters, 1, [Start(near)], budget))
+    found = centres(finder.find(points, clusters, [Start(near)], budget))
     assert len(found) == 1
     assert found[0] == pytest.approx(near[:3], abs=0.01)
     assert budget.waiting == len(clusters.indices) - 1
@@ -126,8 +126,8 @@ def test_what_is_followed_is_found_when_the_time_is_over(frame) -> None:
 def test_what_had_to_wait_is_found_in_the_next_frame(frame) -> None:
     model, points, clusters, places = frame
     finder = SphereFinder(model, SETTINGS, np.random.default_rng(0))
-    assert centres(finder.find(points, clusters, 1, budget=spent())) == []
-    assert len(centres(finder.find(points, clusters, 1))) == len(places)
+    assert centres(finder.find(points, clusters, budget=spent())) == []
+    assert len(centres(finder.find(points, clusters))) == len(places)
 
 
 def test_a_solid_that_has_to_wait_stays_what_it_was(corner_model) -> None:

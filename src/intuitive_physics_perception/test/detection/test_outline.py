@@ -139,7 +139,7 @@ def test_what_stays_and_was_no_ball_is_none_before_it_was_one_for_a_while() -> N
 
 @settings(max_examples=8, deadline=None)
 @given(
-    radius=st.floats(0.03, 0.07),
+    radius=st.floats(0.04, 0.07),
     gap=st.floats(0.0, 10.0),
     x=st.floats(-0.3, 0.3),
     y=st.floats(-0.2, 0.2),

@@ -11,18 +11,10 @@ from scipy.spatial.transform import Rotation
 from intuitive_physics_perception.detection.cluster_view import ClusterView
 from intuitive_physics_perception.detection.detections import DetectedSphere
 from intuitive_physics_perception.detection.fitted_sphere import SphereFitter, Start
-from intuitive_physics_perception.detection.foreground import ForegroundFinder, neighbour_labels
-from intuitive_physics_perception.detection.frame_budget import FrameBudget
+from intuitive_physics_perception.detection.foreground import ForegroundFinder
 from intuitive_physics_perception.detection.solids import SolidFinder, all_objects
 from intuitive_physics_perception.detection.sphere_fit import refine_sphere
-from intuitive_physics_perception.detection.sphere_hypotheses import (
-    BATCH,
-    NEIGHBOUR_DRAWS,
-    outline_sphere,
-    random_spheres,
-    ransac_spheres,
-    score_spheres,
-)
+from intuitive_physics_perception.detection.sphere_hypotheses import outline_sphere
 from intuitive_physics_perception.detection.spheres import SphereFinder
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.settings import KnownObject, PerceptionSettings
@@ -119,39 +111,6 @@ def test_without_noise_the_fit_is_exact(rng) -> None:
     start = outline_sphere(points)
     fit = refine_sphere(points, NOTHING, start, 0.015, 0.4, noise, 0.0, 0.0)
     assert fit.sphere == pytest.approx(truth, abs=1e-6)
-
-
-def test_the_right_sphere_scores_best_among_outliers(rng) -> None:
-    noise = np.square([0.002, 0.0, 1.0, 0.0008])
-    truth = np.array([0.0, 0.1, 1.2, 0.05])
-    points = np.concatenate(
-        [
-            near_side(rng, truth[:3], truth[3], 200, 0.001),
-            rng.uniform(-0.2, 0.2, (200, 3)) + [0, 0, 1.2],
-        ]
-    )
-    spheres = random_spheres(points, rng.random((400, 38)), 0.015, 0.4)
-    assert len(spheres) > 20
-    best = spheres[score_spheres(points, spheres, noise).argmax()]
-    assert best == pytest.approx(truth, abs=0.01)
-
-
-def test_batches_stop_early_where_a_sphere_explains_much(rng) -> None:
-    noise = np.square([0.002, 0.0, 1.0, 0.0008])
-    limits = 0.015, 0.4
-    ball = near_side(rng, np.array([0.0, 0.1, 1.2]), 0.05, 200, 0.001)
-    clutter = rng.uniform(-0.2, 0.2, (200, 3)) + [0, 0, 1.2]
-    drawn = {}
-    for name, points in {"ball": ball, "clutter": clutter}.items():
-        counter = np.random.default_rng(0)
-        ransac_spheres(points, limits, noise, 1024, counter, FrameBudget())
-        again, drawn[name] = np.random.default_rng(0), 0
-        while again.bit_generator.state != counter.bit_generator.state:
-            again.random((BATCH, 2 + 3 * NEIGHBOUR_DRAWS))
-            drawn[name] += BATCH
-    # (1 - w⁴)ⁿ < 0.001 with nearly all points on the ball needs one batch.
-    assert drawn["ball"] <= 2 * BATCH
-    assert drawn["clutter"] == 1024
 
 
 def test_a_known_radius_places_a_hidden_ball_better(corner_model, make_room, shapes) -> None:
@@ -279,16 +238,6 @@ def test_no_reading_makes_no_sphere(corner_model) -> None:
 
 def test_an_empty_scene_has_no_spheres(find) -> None:
     assert all(find() == [] for _ in range(3))
-
-
-def test_clusters_are_separated_by_gaps_that_grow_with_range() -> None:
-    line = np.linspace(0.0, 0.3, 30)
-    near = np.column_stack([line, np.zeros(30), np.ones(30)])
-    groups = np.concatenate([near, near + [0.0, 0.1, 0.0], 5.0 * near + [0.0, 0.0, 3.0]])
-    labels = neighbour_labels(groups, 0.04)
-    assert len(set(labels)) == 3
-    assert all(len(set(labels[k : k + 30])) == 1 for k in (0, 30, 60))
-    assert neighbour_labels(np.zeros((0, 3)), 0.04).size == 0
 
 
 def test_noise_grows_with_range_squared_up_to_its_limit() -> None:

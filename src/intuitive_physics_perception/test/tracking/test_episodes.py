@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 
 from intuitive_physics.observation import Observation
-from intuitive_physics.scene import SceneObject
-from intuitive_physics.shapes import Sphere
 from intuitive_physics_perception.settings import PerceptionSettings
 from intuitive_physics_perception.tracking.episodes import EpisodeRecorder, observations_of
-from intuitive_physics_perception.tracking.free_motion import FreeMotion, Record
+from intuitive_physics_perception.tracking.free_motion import FreeMotion
 from intuitive_physics_perception.tracking.tracker import COAST_TIME, Tracker
 
-from ..conftest import FLOOR, seen_sphere
+from ..conftest import FLOOR, seen_record, seen_sphere
 
 SETTINGS = PerceptionSettings()
 STEP = 1.0 / 30.0
@@ -23,18 +21,9 @@ NOISE = 0.001
 RADIUS = 0.05
 
 
-def record(rng, times, path, name="ball", noise=NOISE):
-    positions = path + noise * rng.normal(size=path.shape)
-    return Record(
-        SceneObject(name, "m", Sphere(RADIUS)),
-        np.asarray(times),
-        positions,
-        np.tile(noise**2 * np.eye(3), (len(path), 1, 1)),
-        np.zeros((3, 3)),
-        None,
-        np.asarray(times),
-        positions,
-    )
+def record(rng, times, path, name="ball"):
+    noise = np.tile(NOISE**2 * np.eye(3), (len(path), 1, 1))
+    return seen_record(rng, times, path, noise, name)
 
 
 def state(ball, time):
@@ -79,24 +68,6 @@ def test_a_ball_that_rolls_has_no_falling_state(rng) -> None:
     path = np.column_stack([0.8 * times, 0 * times, np.full(times.size, RADIUS)])
     estimate = state(record(rng, times, path), 0.0)
     assert estimate.linear_velocity == pytest.approx([0.8, 0, 0], abs=0.02)
-
-
-def test_a_hand_that_carries_a_ball_gives_no_state(rng) -> None:
-    times = np.arange(0, 1.0, STEP)
-    path = np.column_stack([0.5 * times, 0.2 * np.sin(6 * times), 1.0 + 0 * times])
-    ball = record(rng, times, path)
-    assert all(state(ball, time) is None for time in times[:20])
-
-
-def test_an_observation_begins_when_the_hand_lets_go(rng, bounce) -> None:
-    held, thrown = np.arange(0, 0.5, STEP), np.arange(0, 1.0, STEP)
-    hand = np.column_stack([0.3 * np.sin(4 * held), 0.1 * held, 1 - 0.2 * np.cos(5 * held)])
-    flight = bounce(thrown, hand[-1] + [0.02, 0, 0.02], (1.0, 0.3, 0.5), RADIUS)
-    times = np.concatenate([held, held[-1] + STEP + thrown])
-    ball = record(rng, times, np.concatenate([hand, flight]))
-    (observation,) = observations_of([ball], FLOOR, SETTINGS)
-    assert observation.start_time == pytest.approx(held[-1] + STEP, abs=1.5 * STEP)
-    assert observation.objects[0].trajectory.times[0] == observation.start_time
 
 
 def test_an_episode_is_cut_where_a_ball_appears(rng, bounce) -> None:
@@ -169,12 +140,3 @@ def test_an_observation_is_closed_when_time_is_out(rng, bounce) -> None:
 def test_a_ball_on_a_chair_has_states_but_no_observation(rng) -> None:
     times = np.arange(0, 3.0, STEP)
     assert run(rng, [np.tile([0.3, 0.2, 0.5], (times.size, 1))], times) == []
-
-
-def test_an_observation_can_be_kept(rng, bounce) -> None:
-    times = np.arange(0, 1.0, STEP)
-    seen = record(rng, times, bounce(times, (0, 0, 0.5), (1, 0, 1), RADIUS))
-    (observation,) = observations_of([seen], FLOOR, SETTINGS)
-    again = Observation.from_json(observation.to_json())
-    assert again.start_time == observation.start_time
-    assert again.scene().states[0].to_dict() == observation.scene().states[0].to_dict()

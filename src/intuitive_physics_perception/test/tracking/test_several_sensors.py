@@ -37,14 +37,6 @@ def test_what_a_slow_sensor_alone_sees_is_followed(rng) -> None:
     assert tracker.next_number == 2
 
 
-def test_what_its_own_sensor_misses_is_dropped_as_ever(rng) -> None:
-    tracker = Tracker(FLOOR, PerceptionSettings())
-    tracker.update(0.0, [seen(rng, 0.0)])
-    tracker.update(0.05, [])
-    tracker.update(0.1, [])
-    assert tracker.followed == []
-
-
 def test_a_late_reading_is_taken_at_its_own_time(rng) -> None:
     """A LiDAR shows it 20 to 80 ms after its scan's stamp, and frames of a camera come from
     meanwhile after the scan: at 3 m/s these are 6 to 24 cm. All errors are those of readings."""

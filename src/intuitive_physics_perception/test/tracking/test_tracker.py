@@ -52,21 +52,6 @@ def test_velocity_before_and_after_a_bounce(rng, bounce) -> None:
         assert np.linalg.norm(speed - truth[k]) < 0.12, times[k]
 
 
-def test_errors_are_as_large_as_the_covariance_says(bounce) -> None:
-    times = np.arange(0, 0.35, STEP)
-    path = bounce(times, (0, 0, 1.0), (1.0, 0.0, 0.5), 0.05)
-    velocity = np.array([1.0, 0.0, 0.5]) - np.array([0, 0, 9.81]) * times[-1]
-    ratios = []
-    for seed in range(60):
-        tracker = Tracker(FLOOR, SETTINGS)
-        alive, _ = follow(tracker, np.random.default_rng(seed), [path], times)
-        (track,) = alive[-1]
-        error = track.mean - np.array([*path[-1], *velocity, 0.05])
-        ratios.append(error @ np.linalg.solve(track.covariance, error) / 7.0)
-    # The process noise allows for accelerations that are not there, so it may be cautious.
-    assert 0.2 < np.mean(ratios) < 1.3
-
-
 RED, BLUE = np.array([0.7, 0.2, 0.2]), np.array([0.2, 0.2, 0.7])
 
 

@@ -66,7 +66,7 @@ rounding, and as much of noise."""
 MOST_THINGS = 15
 """Things that may move by themselves and are kept apart; smaller ones count as one."""
 
-OF_EACH = ("places", "normals", "variances", "spreads", "things", "is_edge")
+OF_EACH = ("places", "normals", "variances", "things", "is_edge", "is_on_plane")
 """Arrays of `Landmarks` with a row for each."""
 
 
@@ -82,28 +82,23 @@ class Landmarks:
     places : (n, 3) m
     normals : (n, 3) unit vectors: of a patch towards the sensor, of an edge across it
     variances : (n,) m², of the place along the normal; of an edge with that of finding it
-    spreads : (n, 3, 3) covariances of the normals, zero for those of planes and edges
     things : (n,) number of the thing it belongs to; 0: of the support or of what is as large as a
         wall, which do not move
     is_edge : (n,) whether it is on an edge
+    is_on_plane : (n,) whether it is a patch of a plane, whose normal is known
     lens : (10, 2) as of `fitted_lens`
     """
 
     places: NDArray[np.float64]
     normals: NDArray[np.float64]
     variances: NDArray[np.float64]
-    spreads: NDArray[np.float64]
     things: NDArray[np.int64]
     is_edge: NDArray[np.bool_]
+    is_on_plane: NDArray[np.bool_]
     lens: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.places)
-
-    @property
-    def is_on_plane(self) -> NDArray[np.bool_]:
-        """(n,) whether it is a patch of a plane, whose normal is known."""
-        return ~self.is_edge & (self.spreads[:, 0, 0] == 0.0)
 
     def chosen(self, which: NDArray[Any]) -> Landmarks:
         """Return some of them; `which` (m,) indices or (n,) marks."""
@@ -163,15 +158,12 @@ def _patches(
     lens: NDArray[np.float64],
 ) -> Landmarks:
     """Flat patches of the view. On a plane they have its normal."""
-    places, normals, variances, spreads, rows, columns = _fitted_patches(
-        points, frames, model.noise
-    )
+    places, normals, variances, turns, rows, columns = _fitted_patches(points, frames, model.noise)
     on_plane = np.full(len(places), -1)
     for k, plane in enumerate(model.detected):
-        near = _is_on(plane, places, normals, spreads, model.noise, settings)
+        near = _is_on(plane, places, normals, turns, model.noise, settings)
         on_plane[near & (on_plane < 0)] = k
         normals[on_plane == k] = plane.normal
-        spreads[on_plane == k] = 0.0
     kept = [
         _evenly(np.flatnonzero(on_plane == k), PLANE_PATCHES) for k in range(len(model.detected))
     ]
@@ -180,9 +172,9 @@ def _patches(
         places,
         normals,
         variances,
-        spreads,
         things[rows, columns],
         np.zeros(len(places), dtype=bool),
+        on_plane >= 0,
         lens,
     )
     return patches.chosen(np.concatenate(kept))
@@ -191,8 +183,8 @@ def _patches(
 def _fitted_patches(
     points: NDArray[np.float32], frames: int, noise: RangeNoise
 ) -> tuple[NDArray[Any], ...]:
-    """Places (n, 3) m, normals (n, 3), variances (n,) m² along them, covariances (n, 3, 3) of the
-    normals, rows (n,) and columns (n,) of all flat patches.
+    """Places (n, 3) m, normals (n, 3), variances (n,) m² along them and (n,) rad² of the normals,
+    rows (n,) and columns (n,) of all flat patches.
 
     A plane x · p = 1 has the inverse range x · u along the unit vector u, so x is a regression in
     which only the inverse range errs. In the axes (w, e, f), w along the ray of the middle, it is
@@ -202,8 +194,8 @@ def _fitted_patches(
     spread, common = scatter[:, 1:, 1:], scatter[:, 1:, 0]
     determinants = np.linalg.det(spread)
     kept = (counts >= PATCH_READINGS) & (determinants > 1e-3 * spread[:, 0, 0] * spread[:, 1, 1])
-    rows, columns, axes, counts, means, spread, common, determinants = (
-        array[kept] for array in (rows, columns, axes, counts, means, spread, common, determinants)
+    rows, columns, axes, counts, means, spread, common = (
+        array[kept] for array in (rows, columns, axes, counts, means, spread, common)
     )
     inverse = np.linalg.inv(spread)
     slopes = (inverse @ common[:, :, None])[:, :, 0]
@@ -224,12 +216,12 @@ def _fitted_patches(
     normals = -np.einsum("ni,nij->nj", g, axes) / np.sqrt(lengths2)[:, None]
     # Errors of the slopes turn a normal by what of the axes is across it.
     across = axes[:, 1:] - (axes[:, 1:] @ normals[:, :, None]) * normals[:, None]
-    spreads = across.transpose(0, 2, 1) @ inverse @ across
+    turns = np.einsum("nki,nkl,nli->n", across, inverse, across) * error2 / lengths2
     found = (
         axes[:, 0] / at_middle[:, None],
         normals,
         error2 * (1.0 + away2) * reach2**2 / (1.0 + slope2),
-        spreads * (error2 / lengths2)[:, None, None],
+        turns,
         rows,
         columns,
     )
@@ -269,11 +261,11 @@ def _is_on(
     plane: DetectedPlane,
     places: NDArray[np.float64],
     normals: NDArray[np.float64],
-    spreads: NDArray[np.float64],
+    turns: NDArray[np.float64],
     noise: RangeNoise,
     settings: PerceptionSettings,
 ) -> NDArray[np.bool_]:
-    """Mark the patches (n,) that are part of a plane, by place and normal."""
+    """Mark the patches (n,) that are part of a plane, by place and normal, with variances (n,)."""
     ranges = np.linalg.norm(places, axis=1)
     along = places @ plane.normal
     distances = along - plane.offset - plane.heights(places)
@@ -281,7 +273,7 @@ def _is_on(
         settings.plane_sigmas * noise.deviation(ranges) * along / ranges, settings.plane_tolerance
     )
     turned = np.linalg.norm(normals - plane.normal, axis=1)
-    own = 3.0 * np.sqrt(np.trace(spreads, axis1=1, axis2=2))
+    own = 3.0 * np.sqrt(turns)
     return np.asarray((np.abs(distances) < margins) & (turned < ON_PLANE_ANGLE + own))
 
 
@@ -334,9 +326,9 @@ def _edge_landmarks(
         places,
         h / size[:, None],
         np.square(EDGE_DEVIATION / size),
-        np.zeros((len(places), 3, 3)),
         things,
         np.ones(len(places), dtype=bool),
+        np.zeros(len(places), dtype=bool),
         lens,
     )
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from intuitive_physics.kernels import allocating_entry, entry, fast_inlined, kernel
+from intuitive_physics.kernels import allocating_entry, fast_inlined, kernel
 
 BLOCK = 4
 """Cells along each edge of a block, whose errors may all be one."""
@@ -33,12 +33,6 @@ SMOOTH = 9
 COLUMNS = 5
 """Columns of a cell: the slopes over ω, and the values of both images."""
 
-SAMPLES = 2
-"""Samples along each edge of a cell, whose mean is its brightness."""
-
-LAGS = 5
-"""Cells to each side over which a grid is compared with itself."""
-
 DISAGREEMENT = 0.5
 """Part of the mean power of two images that is taken from their product: images whose correlation
 is smaller speak against a rotation."""
@@ -47,52 +41,12 @@ VALUE, OWN_POWER = 3, 4
 """Rows in which the value of a cell and its part of the power stand, after those of its place."""
 
 
-@kernel
-def _turned(phi: Any, duration: float, rotation: Any, jacobian: Any) -> None:
-    """Write Exp(φ) (3, 3) and duration times its left Jacobian (3, 3)."""
-    angle2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
-    angle = np.sqrt(angle2)
-    if angle < 1e-4:
-        a, b, c = 1.0 - angle2 / 6.0, 0.5 - angle2 / 24.0, 1.0 / 6.0
-    else:
-        a, b = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle2
-        c = (1.0 - a) / angle2
-    for i in range(3):
-        for j in range(3):
-            square = phi[i] * phi[j]
-            cross = 0.0
-            if i == j:
-                square -= angle2
-            elif (j - i) % 3 == 1:
-                cross = -phi[3 - i - j]
-            else:
-                cross = phi[3 - i - j]
-            same = 1.0 if i == j else 0.0
-            rotation[i, j] = same + a * cross + b * square
-            jacobian[i, j] = duration * (same + b * cross + c * square)
-
-
-@kernel
-def _between(axes_to: Any, rotation: Any, axes_from: Any, out: Any) -> None:
-    """Write A_j R A_kᵀ (3, 3): from the axes of one view to those of another."""
-    for i in range(3):
-        a = b = c = 0.0
-        for p in range(3):
-            a += axes_to[i, p] * rotation[p, 0]
-            b += axes_to[i, p] * rotation[p, 1]
-            c += axes_to[i, p] * rotation[p, 2]
-        for j in range(3):
-            out[i, j] = a * axes_from[j, 0] + b * axes_from[j, 1] + c * axes_from[j, 2]
-
-
 @allocating_entry
-def add_scores(
-    first: Any, second: Any, axes: Any, rotations: Any, pitch: float, scores: Any
-) -> None:
-    """Add to each rotation's score of two images: Σ e f - ρ (e² + f²) / 2 of their common cells.
+def add_scores(first: Any, second: Any, ways: Any, pitch: float, scores: Any) -> None:
+    """Add to each way's score of two images: Σ e f - ρ (e² + f²) / 2 of their common cells.
 
-    `first` and `second` (g, g) values, NaN where there is none; `axes` (2, 3, 3) of both views, as
-    rows; `rotations` (m, 3, 3), from the second to the first; `scores` (m,) sums, written.
+    `first` and `second` (g, g) values, NaN where there is none; `ways` (m, 3, 3), from the axes of
+    the second view to those of the first; `scores` (m,) sums, written.
     """
     size = first.shape[0]
     cells, seen = (
@@ -114,15 +68,11 @@ def add_scores(
                 cells[VALUE, count] = value
                 cells[OWN_POWER, count] = 0.5 * DISAGREEMENT * value * value
                 count += 1
-    way, turned = np.empty((3, 3), np.float32), np.empty((3, 3))
-    for m in range(rotations.shape[0]):
-        _between(axes[0], rotations[m], axes[1], turned)
+    way = np.empty((3, 3), np.float32)
+    for m in range(ways.shape[0]):
         for j in range(3):
-            way[0, j], way[1, j], way[2, j] = (
-                turned[0, j] / pitch,
-                turned[1, j] / pitch,
-                turned[2, j],
-            )
+            way[0, j], way[1, j] = ways[m, 0, j] / pitch, ways[m, 1, j] / pitch
+            way[2, j] = ways[m, 2, j]
         scores[m] += _score(seen[0], seen[1], cells, count, way, size)
 
 
@@ -186,55 +136,39 @@ def _is_apart(turns: Any, one: int, others: Any, apart: float) -> bool:
 
 
 @allocating_entry
-def overlay(values: Any, axes: Any, times: Any, spin: Any, reach: int, pitch: float) -> Any:
-    """Compare images of a sphere that turns with a constant angular velocity, each two of them.
+def overlay(values: Any, pairs: Any, ways: Any, slopes: Any, pitch: float) -> Any:
+    """Compare images of a sphere that turns with a constant angular velocity ω, two at a time.
 
     What differs between two images by a smooth field (`SMOOTH` harmonics) is light, and left out.
 
-    `values` (k, g, g), NaN where there is none; `axes` (k, 3, 3) of the views, as rows; `times`
-    (k,) s; `spin` (3,) rad/s. Returns (25,), of residuals r = e_k - e_j and slopes J =
-    ∂e_j/∂ω: the normal matrix Σ J Jᵀ (9), the gradient Σ J r (3), Σ over blocks of the products of
-    their gradients (9); the weight of all cells, Σ e_k e_j, and Σ (e_k² + e_j²) / 2; and the sum
-    over all pairs of the square of this power over the weight of the pair's cells.
+    `values` (k, g, g), NaN where there is none; `pairs` (n, 2), numbers of a later image and an
+    earlier one; `ways` (n, 3, 3) from the axes of the later view to those of the earlier one;
+    `slopes` (n, 3, 3), what makes of a torque in the axes of the earlier view the slope over ω.
+    Returns (25,), of residuals r = e_k - e_j and slopes J = ∂e_j/∂ω: the normal matrix Σ J Jᵀ (9),
+    the gradient Σ J r (3), Σ over blocks of the products of their gradients (9); the weight of all
+    cells, Σ e_k e_j, and Σ (e_k² + e_j²) / 2; and the sum over all pairs of the square of this
+    power over the weight of the pair's cells.
     """
     sums = np.zeros(UNEVEN + 1)
     size = values.shape[1]
     blocks = (size + BLOCK - 1) // BLOCK
     gradients = np.empty((blocks * blocks, 3))
-    rotation, jacobian, way = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    phi, slope = np.empty(3), np.empty((3, 3))
     columns, basis = np.empty((COLUMNS, size * size)), np.empty((SMOOTH, size * size))
     own_blocks = np.empty(size * size, dtype=np.int64)
     normal, cross = np.empty((SMOOTH, SMOOTH)), np.empty((SMOOTH, COLUMNS))
-    for k in range(1, values.shape[0]):
-        for j in range(max(0, k - reach), k):
-            for i in range(3):
-                phi[i] = (times[j] - times[k]) * spin[i]
-            _turned(phi, times[j] - times[k], rotation, jacobian)
-            _between(axes[j], rotation, axes[k], way)
-            _slope_of(axes[j], jacobian, slope)
-            count = _lay_over(
-                values[j], values[k], way, slope, pitch, j + k, columns, basis, own_blocks
-            )
-            if count < 2 * SMOOTH:
-                continue
-            _take_out_smooth(columns, basis, count, normal, cross)
-            cells = 2.0 * _dot(basis[0], basis[0], count)
-            power = _add_pair(columns, own_blocks, count, gradients, sums)
-            sums[CELLS] += cells
-            sums[UNEVEN] += power * power / cells
+    for n in range(pairs.shape[0]):
+        k, j = pairs[n]
+        count = _lay_over(
+            values[j], values[k], ways[n], slopes[n], pitch, j + k, columns, basis, own_blocks
+        )
+        if count < 2 * SMOOTH:
+            continue
+        _take_out_smooth(columns, basis, count, normal, cross)
+        cells = 2.0 * _dot(basis[0], basis[0], count)
+        power = _add_pair(columns, own_blocks, count, gradients, sums)
+        sums[CELLS] += cells
+        sums[UNEVEN] += power * power / cells
     return sums
-
-
-@kernel
-def _slope_of(axes: Any, jacobian: Any, out: Any) -> None:
-    """Write what makes of a torque in the axes of a view the slope over ω: (A_j J)ᵀ."""
-    for i in range(3):
-        for m in range(3):
-            total = 0.0
-            for p in range(3):
-                total += jacobian[p, i] * axes[m, p]
-            out[i, m] = total
 
 
 @kernel
@@ -373,72 +307,3 @@ def _add_pair(columns: Any, blocks: Any, count: int, gradients: Any, sums: Any) 
             for n in range(3):
                 sums[MEAT + 3 * m + n] += gradients[block, m] * gradients[block, n]
     return float(power)
-
-
-@entry
-def common_area(values: Any) -> float:
-    """Return Σ ρ(lag)², the number of cells that go together, of a grid (g, g) of variance one."""
-    size, total = values.shape[0], 0.0
-    for down in range(LAGS + 1):
-        for right in range(-LAGS, LAGS + 1):
-            if down == 0 and right < 0:
-                continue
-            product, number = 0.0, 0
-            for row in range(size - down):
-                for column in range(max(0, -right), min(size, size - right)):
-                    both = values[row, column] * values[row + down, column + right]
-                    if not np.isnan(both):
-                        product += both
-                        number += 1
-            if number > 0:
-                # The lag in the other direction has the same product.
-                twice = 1.0 if down == 0 and right == 0 else 2.0
-                total += twice * (product / number) ** 2
-    return max(total, 1.0)
-
-
-@entry
-def sample(
-    image: Any, shown: Any, lens: Any, distance: float, radius: float, pitch: float, grid: Any
-) -> int:
-    """Write the brightness of each cell of a grid (g, g), NaN where not all of it is seen.
-
-    `image` (height, width), brightness; `shown` (height, width), whether a pixel may show the
-    sphere; `lens` (6, 2), row and column as polynomials in the slopes of a ray to the line of
-    sight; `distance` in m, from the sensor to the sphere's centre. Returns how many cells are
-    seen.
-    """
-    size, count = grid.shape[0], 0
-    middle = 0.5 * (size - 1)
-    for row in range(size):
-        for column in range(size):
-            total = 0.0
-            for part in range(SAMPLES * SAMPLES):
-                x = (column - middle + (part % SAMPLES + 0.5) / SAMPLES - 0.5) * pitch
-                y = (row - middle + (part // SAMPLES + 0.5) / SAMPLES - 0.5) * pitch
-                z = np.sqrt(max(1.0 - x * x - y * y, 0.0))
-                depth = distance - radius * z
-                seen = _brightness(image, shown, lens, radius * x / depth, radius * y / depth)
-                total += seen if z >= RIM else np.nan
-            grid[row, column] = total / (SAMPLES * SAMPLES)
-            count += not np.isnan(total)
-    return count
-
-
-@kernel
-def _brightness(image: Any, shown: Any, lens: Any, a: float, b: float) -> float:
-    """Brightness in the direction of two slopes, between four pixels; NaN unless all are shown."""
-    row = lens[0, 0] + a * (lens[1, 0] + lens[3, 0] * a + lens[4, 0] * b)
-    row += b * (lens[2, 0] + lens[5, 0] * b)
-    column = lens[0, 1] + a * (lens[1, 1] + lens[3, 1] * a + lens[4, 1] * b)
-    column += b * (lens[2, 1] + lens[5, 1] * b)
-    top, left = int(row), int(column)
-    if row < 0.0 or column < 0.0 or top >= image.shape[0] - 1 or left >= image.shape[1] - 1:
-        return np.nan
-    for k in range(4):
-        if not shown[top + k // 2, left + k % 2]:
-            return np.nan
-    p, q = column - left, row - top
-    upper = image[top, left] + p * (image[top, left + 1] - image[top, left])
-    lower = image[top + 1, left] + p * (image[top + 1, left + 1] - image[top + 1, left])
-    return float(upper + q * (lower - upper))

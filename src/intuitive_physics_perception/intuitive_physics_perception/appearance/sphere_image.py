@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 from intuitive_physics_perception.appearance.registration import (
     RIM,
     TAPER,
-    common_area,
-    sample,
 )
 from intuitive_physics_perception.detection.detections import DetectedSphere
+from intuitive_physics_perception.environment.noise import neighbour_products
 
 GRID_CELLS = 32
 """Cells along each edge of the image of a sphere."""
+
+SAMPLES = 2
+"""Samples along each edge of a cell, whose mean is its brightness."""
 
 MIN_READINGS = 90
 """Smallest number of readings with a colour in an image of a sphere."""
@@ -34,6 +36,9 @@ LENS_READINGS = 300
 
 ROBUST_STEPS = 4
 """Fits of the shading, each with less weight of what is off in the one before."""
+
+LAGS = 5
+"""Cells to each side over which an image is compared with itself."""
 
 LEAST_NOISE = 0.3
 """Levels of 255, of rounding."""
@@ -61,8 +66,12 @@ class SphereImage:
 
     @cached_property
     def area(self) -> float:
-        """Cells whose values go together."""
-        return float(common_area(self.values / np.nanstd(self.values)))
+        """Cells whose values go together, Σ ρ(lag)²."""
+        seen = np.isfinite(self.values)
+        products = neighbour_products(np.where(seen, self.values, 0.0), LAGS)
+        counts = neighbour_products(seen.astype(np.float64), LAGS)
+        correlations = products / np.maximum(counts, 1.0) / np.nanvar(self.values)
+        return max(float(np.square(correlations).sum()), 1.0)
 
     @cached_property
     def coarse(self) -> NDArray[np.float64]:
@@ -107,14 +116,30 @@ def sphere_image(
     away = np.linalg.norm(around, axis=2)
     # Where no range was read the colour may well be the sphere's.
     shown = np.isnan(away) | (away < ON_SURFACE * sphere.radius)
-    grid = np.empty((GRID_CELLS, GRID_CELLS))
-    pitch = pitch_of(GRID_CELLS)
-    distance = float(np.linalg.norm(sphere.center))
-    count = sample(brightness, shown, lens, distance, sphere.radius, pitch, grid)
-    if count < 0.25 * GRID_CELLS**2:
+    grid = _sampled(np.where(shown, brightness, np.nan), lens, sphere)
+    if np.count_nonzero(np.isfinite(grid)) < 0.25 * GRID_CELLS**2:
         return None
     noise = _noise(brightness, shown & ~np.isnan(away))
     return _image(grid, noise, axes, sphere)
+
+
+def _sampled(
+    brightness: NDArray[np.float64], lens: NDArray[np.float64], sphere: DetectedSphere
+) -> NDArray[np.float64]:
+    """Brightness (g, g) of each cell, NaN where not all of it is seen, of a part of an image
+    (height, width), NaN where it shows something else; `lens` (6, 2) as of `_lens`."""
+    from scipy.ndimage import map_coordinates
+
+    fine = (np.arange(SAMPLES * GRID_CELLS) + 0.5) / SAMPLES - 0.5 * GRID_CELLS
+    x, y = np.meshgrid(*(pitch_of(GRID_CELLS) * fine,) * 2)
+    z = np.sqrt(np.maximum(1.0 - x**2 - y**2, 0.0))
+    depth = np.linalg.norm(sphere.center) / sphere.radius - z
+    a, b = x / depth, y / depth
+    places = np.tensordot(lens.T, np.stack([np.ones_like(a), a, b, a * a, a * b, b * b]), 1)
+    samples = map_coordinates(brightness, places, order=1, cval=np.nan)
+    samples[z < RIM] = np.nan
+    parts = samples.reshape(GRID_CELLS, SAMPLES, GRID_CELLS, SAMPLES)
+    return np.asarray(parts.mean(axis=(1, 3)))
 
 
 def _image(

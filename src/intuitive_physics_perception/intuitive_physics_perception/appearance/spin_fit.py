@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from intuitive_physics_perception.appearance.registration import (
     CELLS,
@@ -103,7 +102,7 @@ class ImageSeries:
         while True:
             longest = LONGEST_STEP / float(np.max(self.times[reach:] - self.times[:-reach]))
             for _ in range(STEPS):
-                sums = overlay(self._values, self._axes, self.times, spin, reach, self._pitch)
+                sums = self.overlaid(spin, reach)
                 normal = sums[:GRADIENT].reshape(3, 3)
                 damped = normal + (1e-5 * np.trace(normal) + 1e-12) * np.eye(3)
                 step = np.linalg.solve(damped, sums[GRADIENT:MEAT])
@@ -115,6 +114,20 @@ class ImageSeries:
                 # The sums are those of a step before, which was small.
                 return self._spin_of(spin, sums)
             reach = min(2 * reach, last)
+
+    def overlaid(self, spin: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
+        """Return the sums (25,) of `overlay` over images up to `reach` apart, under a spin (3,)
+        rad/s."""
+        order = np.arange(len(self.times))
+        apart = order[:, None] - order
+        later, earlier = np.nonzero((apart > 0) & (apart <= reach))
+        durations = (self.times[earlier] - self.times[later])[:, None]
+        rotations, jacobians = _turned(durations * spin)
+        ways = self._axes[earlier] @ rotations @ self._axes[later].transpose(0, 2, 1)
+        slopes = self._axes[earlier] @ (durations[:, None] * jacobians)
+        slopes = np.ascontiguousarray(slopes.transpose(0, 2, 1))
+        pairs = np.stack([later, earlier], axis=1)
+        return np.asarray(overlay(self._values, pairs, ways, slopes, self._pitch))
 
     @property
     def view_rate(self) -> NDArray[np.float64]:
@@ -178,13 +191,17 @@ class ImageSeries:
 
 def _slopes(spin: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
     """Turns (k, 3, 6) of a ball for small changes of its spin and of where it was at time zero."""
-    vectors = times[:, None] * spin
-    rotations = Rotation.from_rotvec(vectors).as_matrix()
+    rotations, jacobians = _turned(times[:, None] * spin)
+    return np.concatenate([times[:, None, None] * jacobians, rotations], axis=2)
+
+
+def _turned(vectors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Rotations (k, 3, 3) by rotation vectors (k, 3), and their left Jacobians (k, 3, 3)."""
     angle = np.maximum(np.linalg.norm(vectors, axis=1), 1e-6)[:, None, None]
-    cross = np.zeros((len(times), 3, 3))
+    cross = np.zeros((len(vectors), 3, 3))
     cross[:, [2, 0, 1], [1, 2, 0]] = vectors
     cross -= cross.transpose(0, 2, 1)
-    square = cross @ cross / angle**2
-    # The left Jacobian of the rotation.
-    bent = (1.0 - np.cos(angle)) / angle**2 * cross + (1.0 - np.sin(angle) / angle) * square
-    return np.concatenate([times[:, None, None] * (np.eye(3) + bent), rotations], axis=2)
+    square = cross @ cross
+    a, b = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2
+    jacobians = b * cross + (1.0 - a) / angle**2 * square
+    return np.eye(3) + a * cross + b * square, np.eye(3) + jacobians

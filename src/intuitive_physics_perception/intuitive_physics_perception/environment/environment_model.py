@@ -13,7 +13,7 @@ from intuitive_physics.errors import IntuitivePhysicsError
 from intuitive_physics.frames.change_of_frame import RigidTransform, environment_in
 from intuitive_physics.geometry.polygons import clip_polygon
 from intuitive_physics.scene import Environment, Plane
-from intuitive_physics_perception.environment.fusion import MAX_EDGE_POINTS, fuse
+from intuitive_physics_perception.environment.fusion import fuse
 from intuitive_physics_perception.environment.gravity import (
     UP_TOLERANCE,
     Upward,
@@ -198,8 +198,7 @@ def model_environment(
         planes, settings, up, len(points), measured=measured, organised=is_organised(frames)
     )
     noise = _measured_noise(frames, upward.planes, assumed, settings, rng)
-    cloud = RangeCloud.of_scene(fuse(frames, settings, rng, MAX_EDGE_POINTS), noise, settings)
-    planes = with_edges(upward.planes, cloud, rng, 2.0 * settings.min_radius)
+    planes = with_edges(upward.planes, frames, noise, settings, rng)
     rotation, translation = _gravity_aligned(planes[0] if upward.has_support else None, upward.up)
     names = [f"plane_{k}" for k in range(len(planes))]
     environment = Environment(
@@ -255,10 +254,7 @@ def revised_environment(
     if model.has_support != is_supported:
         change = "gone" if model.has_support else "come"
         raise NoEnvironmentError(f"the support has {change}: the environment is modelled again")
-    cloud = RangeCloud.of_scene(
-        fuse([frame], settings, rng, MAX_EDGE_POINTS), model.noise, settings
-    )
-    planes = with_edges(planes, cloud, rng, 2.0 * settings.min_radius)
+    planes = with_edges(planes, [frame], model.noise, settings, rng)
     environment = replace(
         model.environment,
         planes=_placed(planes, names, model.rotation, model.translation, settings),
@@ -271,11 +267,8 @@ def revised_environment(
 def _named(
     planes: Sequence[DetectedPlane], model: EnvironmentModel
 ) -> tuple[list[DetectedPlane], list[str]]:
-    """Sort planes, the support first, and give each the id of the one it was, or a new one.
-
-    Surfaces of one plane are distinguished by their middles: each is the nearest one of the old
-    model.
-    """
+    """Sort planes, the support first, and give each the id of the one it was, or a new one; of the
+    surfaces of one plane each is that of the nearest middle."""
     names = [""] * len(planes)
     for old, old_id in zip(model.detected, model.plane_ids, strict=True):
         middle = old.hull.mean(axis=0)
@@ -325,10 +318,8 @@ def _upward(
     measured: bool,
     organised: bool,
 ) -> Upward:
-    """Find up, and the supporting plane: the largest that faces up, where up is known.
-
-    A hint may be wrong, so a plane must agree with it; what was measured holds without one.
-    """
+    """Find up, and the supporting plane. A hint may be wrong, so a plane must agree with it; what
+    was measured holds without one."""
     given = settings.up_hint if up is None else up
     if given is None and organised and settings.camera_upright:
         return upright(planes)

@@ -28,7 +28,8 @@ def fuse(
     `frames` (height, width, 3) m each.
     """
     points = fused_frame(frames, most).reshape(-1, 3)
-    points = points[_in_range(points, settings)]
+    ranges = np.linalg.norm(points, axis=1)
+    points = points[(ranges >= settings.min_range) & (ranges <= settings.max_range)]
     if len(points) > most:
         points = points[rng.choice(len(points), most, replace=False)]
     return points
@@ -56,22 +57,14 @@ def fused_frame(
 
 def _pixel_medians(stack: NDArray[np.float32]) -> NDArray[np.float64]:
     """Median reading of each pixel, (n_pixels, 3) of (n_frames, n_pixels, 3), seen in at least half
-    of the frames; else NaN.
-
-    Of an even number it is the mean of the two in the middle: the farther of them lies 0.15
-    standard deviations too far where eight frames are fused, and so would all planes.
-    """
+    of the frames; else NaN."""
     squares = np.einsum("fpi,fpi->fp", stack, stack)
     counts = np.isfinite(squares).sum(axis=0)
-    # NaN sorts to the end, so the median of what was seen stands at half its count.
+    # NaN sorts to the end, so the median of what was seen stands at half its count. Of an even
+    # number it is the mean of two: the farther one of eight lies 0.15 standard deviations too far.
     order = np.argsort(squares, axis=0)
     middle = np.stack([(counts - 1).clip(min=0) // 2, (counts // 2).clip(max=len(stack) - 1)])
     chosen = np.take_along_axis(order, middle, axis=0)
     medians = stack[chosen, np.arange(stack.shape[1])].mean(axis=0, dtype=np.float64)
     medians[2 * counts < len(stack)] = np.nan
     return medians
-
-
-def _in_range(points: NDArray[np.float64], settings: PerceptionSettings) -> NDArray[np.bool_]:
-    ranges = np.linalg.norm(points, axis=1)
-    return (ranges >= settings.min_range) & (ranges <= settings.max_range)

@@ -273,10 +273,7 @@ def _look_up(rays: Any, cells: Any, n: int, nearest: Any, farthest: Any) -> None
 @kernel
 def _compare(found: Any, rays: Any, n: int, noise: Any, side: int) -> None:
     """Find n readings, as `_look_up` has them, KNOWN, NEW or BEHIND what the view shows in their
-    direction; 0 where it shows nothing.
-
-    No branch, which the compiler turns into vector code.
-    """
+    direction; 0 where it shows nothing. Without a branch it is vector code."""
     ranges2, lengths2, nears, fars = rays[3], rays[4], rays[5], rays[6]
     steep = STEEPEST * CELLS_TOGETHER * 2.0 / side
     for i in range(n):

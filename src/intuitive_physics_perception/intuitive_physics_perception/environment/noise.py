@@ -176,22 +176,22 @@ class RangeNoise:
         squares = float(np.square(errors).sum())
         if still.sum() < MIN_COMPARED_READINGS or squares == 0.0:
             return self
-        compared = np.maximum(_neighbour_products(still.astype(np.float64)), 1.0)
-        correlations = _neighbour_products(errors) / compared * (still.sum() / squares)
+        compared = neighbour_products(still.astype(np.float64), CORRELATION_REACH)
+        products = neighbour_products(errors, CORRELATION_REACH)
+        correlations = products / np.maximum(compared, 1.0) * (still.sum() / squares)
         return replace(self, correlated=max(float(correlations.sum()), 1.0))
 
 
-def _neighbour_products(image: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sums over an image of the products of two pixels, by their offset.
+def neighbour_products(image: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
+    """Return sums over an image of the products of two pixels, by their offset.
 
-    `image` (height, width). Returns (2 · reach + 1, 2 · reach + 1) by offset of rows and
-    columns, reach `CORRELATION_REACH`.
+    `image` (height, width). Returns (2 · reach + 1, 2 · reach + 1) by offset of rows and columns.
     """
     # Zeros beyond the edges keep opposite edges from being neighbours.
-    size = tuple(length + CORRELATION_REACH for length in image.shape)
+    size = tuple(length + reach for length in image.shape)
     spectrum = np.fft.rfft2(image, size)
     products = np.fft.irfft2(np.square(np.abs(spectrum)), size)
-    offsets = np.arange(-CORRELATION_REACH, CORRELATION_REACH + 1)
+    offsets = np.arange(-reach, reach + 1)
     return np.asarray(products[np.ix_(offsets, offsets)])
 
 

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.geometry.polygons import plane_square
-from intuitive_physics_perception.environment.noise import GAUSSIAN_MAD
+from intuitive_physics_perception.environment.fusion import MAX_EDGE_POINTS, fuse
+from intuitive_physics_perception.environment.noise import GAUSSIAN_MAD, RangeNoise
 from intuitive_physics_perception.environment.plane_openings import (
     OpeningMask,
     clip_flat,
@@ -30,6 +31,7 @@ from intuitive_physics_perception.environment.range_cloud import (
     convex_hull,
     plane_axes,
 )
+from intuitive_physics_perception.settings import PerceptionSettings
 
 REACH = 50.0
 """Extent of a plane where no edge of it was seen, m."""
@@ -100,13 +102,18 @@ class SeenAround:
 
 
 def with_edges(
-    planes: Sequence[DetectedPlane], cloud: RangeCloud, rng: np.random.Generator, narrowest: float
+    planes: Sequence[DetectedPlane],
+    frames: Sequence[NDArray[np.float32]],
+    noise: RangeNoise,
+    settings: PerceptionSettings,
+    rng: np.random.Generator,
 ) -> list[DetectedPlane]:
-    """Return planes with the boundaries and openings that the cloud shows of them.
+    """Return planes with the boundaries and openings that frames show of them.
 
-    `narrowest` m, width of an opening, at least.
+    `frames` (height, width, 3) m each; an opening is as wide as the smallest sphere, at least.
     """
-    angle = angle_between_readings(cloud, rng)
+    cloud = RangeCloud.of_scene(fuse(frames, settings, rng, MAX_EDGE_POINTS), noise, settings)
+    angle, narrowest = angle_between_readings(cloud, rng), 2.0 * settings.min_radius
     return [_with_ends(cloud, plane, planes, angle, narrowest) for plane in planes]
 
 
@@ -249,11 +256,8 @@ def _end_of_surface(
     hidden: NDArray[np.float64],
     gap: float,
 ) -> float | None:
-    """End of the plane in one slot across a side of its hull, all in m outward from it.
-
-    Half way between the last reading on the plane and the first one through it; None where they
-    are more than `gap` apart, nothing shows that they are not one surface, or something hides it.
-    """
+    """End of the plane in one slot across a side of its hull, all in m outward from it; None where
+    nothing shows it, or something hides it."""
     on = np.sort(on[on > -2.0 * gap])
     if not on.size:
         return None

@@ -78,14 +78,6 @@ class OpeningMask:
 
         return np.asarray(binary_erosion(self.open, np.ones((3, 3)), border_value=1))
 
-    def holds(self, places: NDArray[np.floating]) -> NDArray[np.bool_]:
-        """Mark the places (n, 3) m on the plane that lie in its openings, (n,)."""
-        cells = np.floor((places - self.origin) @ self.axes / self.cell).astype(np.intp)
-        on = ((cells >= 0) & (cells < self.clear.shape)).all(axis=1)
-        held = np.zeros(len(places), dtype=bool)
-        held[on] = self.clear[tuple(cells[on].T)]
-        return held
-
     def seen_from(self, way: RigidTransform) -> OpeningMask:
         """Return the same cells in the frame of a sensor that has moved; `way` leads from its frame
         now to this one."""

@@ -10,13 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.kernels import allocating_entry, entry
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.plane_openings import OpeningMask
 from intuitive_physics_perception.environment.plane_relief import PlaneRelief, fitted_relief
@@ -126,9 +124,11 @@ class DetectedPlane:
         return float(np.linalg.norm(self.hull[:, None] - self.hull, axis=2).max())
 
     @cached_property
-    def _sides(self) -> NDArray[np.float64]:
-        """Half-spaces (n, 4), outward · p ≤ bound in m, of points p in the hull."""
-        return np.asarray(_sides_of(self.hull, self.normal))
+    def _sides(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Unit vectors outward (n, 3) and bounds (n,) m, outward · p ≤ bound for p in the hull."""
+        outward = np.cross(np.roll(self.hull, -1, axis=0) - self.hull, self.normal)
+        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+        return outward, (outward * self.hull).sum(axis=1)
 
     @property
     def hull_cones(self) -> NDArray[np.float64]:
@@ -138,47 +138,16 @@ class DetectedPlane:
         A ray meets the plane at u o / c, with its offset o and c = n · u. There it lies inside a
         side, outward · p ≤ b + m |p|, where u · (|o| outward + b n) ≤ m |o|.
         """
-        outward, bounds = self._sides[:, :3], self._sides[:, 3:]
+        outward, bounds = self._sides
         away = abs(self.offset)
-        normals = away * outward + bounds * self.normal
+        normals = away * outward + bounds[:, None] * self.normal
         return np.column_stack([normals, np.full(len(normals), HULL_MARGIN * away)])
 
     def covers(self, places: NDArray[Any]) -> NDArray[np.bool_]:
-        """Mark the `places` (n, 3) m on the plane that lie in its hull, or hardly out of it, and in
-        no opening, (n,)."""
-        inside = np.empty(len(places), dtype=bool)
-        _mark_inside(places, self._sides, inside)
-        return inside if self.openings is None else inside & ~self.openings.holds(places)
-
-
-@allocating_entry
-def _sides_of(hull: Any, normal: Any) -> Any:
-    """Return the half-spaces (n, 4), outward · p ≤ bound in m, between the corners of a hull (n, 3)
-    m, counter-clockwise seen against the normal (3,)."""
-    sides = np.empty((hull.shape[0], 4))
-    for k in range(hull.shape[0]):
-        corner, following = hull[k], hull[(k + 1) % hull.shape[0]]
-        along, outward = following - corner, sides[k, :3]
-        for a in range(3):
-            b, c = (a + 1) % 3, (a + 2) % 3
-            outward[a] = along[b] * normal[c] - along[c] * normal[b]
-        outward /= np.sqrt(outward[0] ** 2 + outward[1] ** 2 + outward[2] ** 2)
-        sides[k, 3] = outward[0] * corner[0] + outward[1] * corner[1] + outward[2] * corner[2]
-    return sides
-
-
-@entry
-def _mark_inside(places: Any, sides: Any, inside: Any) -> None:
-    """Mark the places (n, 3) m that lie inside all sides (k, 4), or hardly out of them."""
-    for i in range(places.shape[0]):
-        x, y, z = places[i, 0], places[i, 1], places[i, 2]
-        margin = HULL_MARGIN * sqrt(x * x + y * y + z * z)
-        inside[i] = True
-        for k in range(sides.shape[0]):
-            side = sides[k]
-            if x * side[0] + y * side[1] + z * side[2] > side[3] + margin:
-                inside[i] = False
-                break
+        """Mark the `places` (n, 3) m on the plane in its hull, or hardly out of it, (n,)."""
+        outward, bounds = self._sides
+        margins = HULL_MARGIN * np.linalg.norm(places, axis=1, keepdims=True)
+        return np.asarray((places @ outward.T <= bounds + margins).all(axis=1))
 
 
 def detect_planes(
@@ -310,10 +279,8 @@ def least_squares_plane(
 
 
 def _bulges(inliers: NDArray[np.float64], plane: NDArray[np.float64], max_radius: float) -> bool:
-    """Whether the plane (4,) only cuts off a cap of something round, of its points (n, 3) m.
-
-    Where noise is large the tolerance takes in much of the near side of a ball.
-    """
+    """Whether the plane (4,) only cuts off a cap of something round, of its points (n, 3) m: where
+    noise is large the tolerance takes in much of the near side of a ball."""
     first, second = plane_axes(plane[:3])
     across = (inliers - inliers.mean(axis=0)) @ np.stack([first, second], axis=1)
     a, b = across.T
@@ -351,14 +318,8 @@ def _merge(
 def _apart(
     cloud: RangeCloud, planes: list[NDArray[np.float64]], fixed: int
 ) -> list[NDArray[np.float64]]:
-    """Refine planes without the readings that lie near another one that crosses them.
-
-    The first `fixed` of them stay as they are.
-
-    Where a wall meets the floor a strip of it lies within the tolerance of the floor, all on one
-    side: it would lift the floor's end, and tilt gravity with it. Of a plane beside, nearly
-    parallel, only the half that errs towards it would be left out.
-    """
+    """Refine planes, but the first `fixed`, without the readings near another one that crosses
+    them: the foot of a wall, all on one side, would lift the floor's end, and tilt gravity."""
     near = [cloud.near(plane) for plane in planes]
     refined = planes[:fixed]
     for plane in planes[fixed:]:
@@ -373,12 +334,8 @@ def _apart(
 def _detected(
     cloud: RangeCloud, plane: NDArray[np.float64], surface: NDArray[np.intp], max_radius: float
 ) -> DetectedPlane | None:
-    """The plane of a surface, None if it is no plane of a room.
-
-    A small part of the scene that is not wide either may be the side of an object, or cut through
-    one: what moves must not be taken for it. Nor must a ball that a plane touches which something
-    else lies on.
-    """
+    """The plane of a surface, None if it may be the side of an object, as it is small and not wide,
+    or a ball that touches it."""
     normal, offset = plane[:3], float(plane[3])
     hull = _hull_on_plane(cloud.points[surface], normal, offset)
     if hull is None:

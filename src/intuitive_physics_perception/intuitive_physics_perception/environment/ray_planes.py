@@ -158,11 +158,7 @@ def _openings_of(
 
 @allocating_entry
 def _readings_before(points: Any, arrays: Any, continued: bool) -> tuple[Any, int]:
-    """As `RayPlanes.readings_before`, with `arrays` of `_bounds_of` and `limits_of`.
-
-    A reading lies before a plane where its distance exceeds the margin at its own range: the margin
-    grows with range, and the distance falls.
-    """
+    """As `RayPlanes.readings_before`, with `arrays` of `_bounds_of` and `limits_of`."""
     planes, cones, starts, cells, grids, shapes, reliefs, limits = arrays
     kept = np.empty(points.shape[0], dtype=np.int64)
     count = readings = 0
@@ -224,12 +220,8 @@ def _turn_to_rays(rays: Any, n: int) -> None:
 
 @kernel
 def _mark_near(inside: Any, rays: Any, n: int, plane: Any, relief: Any) -> None:
-    """Mark those of n readings, as `_enter_readings` has them, that lie near a plane, wherever it
-    ends.
-
-    No branch asks which are marked already: the compiler turns that into vector code, and its code
-    for AVX-512 (LLVM 20) unmarked what was marked.
-    """
+    """Mark those of n readings that lie near a plane, wherever it ends. A branch on what is marked
+    already would unmark it: in LLVM 20's vector code for AVX-512."""
     x, y, z, variances = rays[0], rays[1], rays[2], rays[4]
     a, b, c, offset, sigmas2, tolerance2 = plane
     if _is_flat(relief):
@@ -383,8 +375,6 @@ def _free_ranges(directions: Any, arrays: Any) -> Any:
 def _agreement(points: Any, arrays: Any) -> tuple[int, int, int, int, int]:
     """Return the numbers of readings in range, of those on a plane, of those that do not only hide
     planes, and of those whose rays meet the first plane where nothing hides it and that are on it.
-
-    `arrays`: of `_bounds_of` and `limits_of`.
     """
     planes, cones, starts, cells, grids, shapes, reliefs, limits = arrays
     readings = on = visible = met = on_first = 0

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.kernels import allocating_entry, entry
+from intuitive_physics.kernels import entry
 from intuitive_physics_perception.environment.noise import CHANGE_SIGMAS, RangeNoise
 
 GONE_TIME = 0.5
@@ -133,12 +133,19 @@ class SettledView:
 
     def _changed(self, time: float, stride: int) -> NDArray[np.bool_]:
         """Mark, of every `stride`-th pixel both ways, those that have settled elsewhere."""
-        # Since when a pixel is settled that reads farther, and one that reads nearer.
-        times = np.array([time - GONE_TIME, time - COME_TIME])
-        changes = _changes(
-            self._means, self._reference, self._since, self._counts, self._limits, times, stride
+        means, known, since, counts = (
+            array[::stride, ::stride]
+            for array in (self._means, self._reference, self._since, self._counts)
         )
-        return np.asarray(changes > 0)
+        range2, known2, change2 = (
+            np.einsum("vui,vui->vu", offsets, offsets) for offsets in (means, known, means - known)
+        )
+        is_settled = (counts >= MIN_LOOKS) & (since <= time - GONE_TIME)
+        is_settled &= (range2 > known2) | (since <= time - COME_TIME)
+        constant, quadratic, limit, sigmas2 = self._limits
+        variance = np.minimum(constant + quadratic * range2 * range2, limit)
+        # NaN compares false: where nothing was known something nearer than all has come.
+        return np.asarray(is_settled & ~(change2 <= sigmas2 * variance))
 
 
 @entry
@@ -178,26 +185,3 @@ def _unsettle(counts: Any, pixels: Any, height: int, width: int, margin: int) ->
         for i in range(max(0, v - margin), min(height, v + margin + 1)):
             for j in range(max(0, u - margin), min(width, u + margin + 1)):
                 counts[i, j] = 0
-
-
-@allocating_entry
-def _changes(
-    means: Any, known: Any, since: Any, counts: Any, limits: Any, times: Any, stride: int
-) -> Any:
-    """Mark every `stride`-th pixel in both directions whose settled reading is not as known."""
-    height, width = counts.shape
-    changes = np.zeros(((height - 1) // stride + 1, (width - 1) // stride + 1), dtype=np.uint8)
-    for i in range(changes.shape[0]):
-        for j in range(changes.shape[1]):
-            v, u = i * stride, j * stride
-            if counts[v, u] < MIN_LOOKS or since[v, u] > times[0]:
-                continue
-            x, y, z = means[v, u, 0], means[v, u, 1], means[v, u, 2]
-            kx, ky, kz = known[v, u, 0], known[v, u, 1], known[v, u, 2]
-            range2, known2 = x * x + y * y + z * z, kx * kx + ky * ky + kz * kz
-            # NaN compares false: where nothing was known something nearer than all has come.
-            if range2 > known2 or since[v, u] <= times[1]:
-                variance = min(limits[0] + limits[1] * range2 * range2, limits[2])
-                change2 = (x - kx) ** 2 + (y - ky) ** 2 + (z - kz) ** 2
-                changes[i, j] = not change2 <= limits[3] * variance
-    return changes

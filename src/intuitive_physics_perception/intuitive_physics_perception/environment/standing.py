@@ -33,10 +33,6 @@ CHECKED_POINTS = 1200
 """Points of each frame, evenly over it, that are compared with the planes: bounds the time."""
 
 
-NO_MOTION = RigidTransform()
-"""Of a sensor that has stayed where it was."""
-
-
 class AwayClock:
     """For how long frames have not shown a sensor where it was."""
 
@@ -64,7 +60,7 @@ class AwayClock:
 
 def is_same_view(way: RigidTransform, noise: RangeNoise) -> bool:
     """Return whether a sensor has moved by less than what its readings' noise hides."""
-    shift, angle = NO_MOTION.difference(way)
+    shift, angle = RigidTransform().difference(way)
     return bool(shift + VIEW_DISTANCE * angle < noise.deviation(VIEW_DISTANCE))
 
 

@@ -84,10 +84,7 @@ def with_static_boxes(
 
 
 def _with_old_ids(boxes: Sequence[StaticBox], old_boxes: Sequence[StaticBox]) -> list[StaticBox]:
-    """Boxes, of which those that were there before stay as they were; the others get new ids.
-
-    Two are the same when centres and edges differ by no more than a part of the diagonal.
-    """
+    """Boxes, of which those that were there before stay as they were; the others get new ids."""
     number = 1 + max((int(box.id.rsplit("_", 1)[1]) for box in old_boxes), default=-1)
     left, results = list(old_boxes), []
     for box in boxes:
@@ -115,11 +112,8 @@ def _places_of_spheres(
     settings: PerceptionSettings,
     rng: np.random.Generator,
 ) -> list[NDArray[np.float64]]:
-    """Means (3,) m of the clusters that hold a sphere, in the environment's frame.
-
-    `frame` (height, width, 3) m, with all its pixels: of a thinned one too few are left on a small
-    ball far away.
-    """
+    """Means (3,) m of the clusters of a frame (height, width, 3) m that hold a sphere, in the
+    environment's frame."""
     clusters = ForegroundFinder(model, settings).find(frame)
     parts = SphereFinder(model, settings, rng).find(frame, clusters)
     points = frame.reshape(-1, 3)
@@ -134,10 +128,8 @@ def _without_objects(
     settings: PerceptionSettings,
     rng: np.random.Generator,
 ) -> list[StaticBox]:
-    """Boxes in which no frame shows the centre of a box or capsule.
-
-    The fused frame is too coarse for that: a single one has all its readings.
-    """
+    """Boxes in which no frame, which unlike the fused one has all its readings, shows the centre of
+    a box or capsule."""
     foreground, finder = ForegroundFinder(model, settings), SolidFinder(model, settings, rng)
     solids = [
         solid
@@ -152,11 +144,8 @@ def _without_objects(
 def _box_around(
     name: str, model: EnvironmentModel, points: NDArray[np.float32], settings: PerceptionSettings
 ) -> StaticBox | None:
-    """Return the smallest upright box around a cluster, down to what it stands on.
-
-    None where it is too small or too large. The far side is not seen: a box ends where the readings
-    do.
-    """
+    """The smallest upright box around the readings of a cluster, down to what it stands on; None
+    where it is too small or too large."""
     places = model.to_environment(points)
     rectangle = _smallest_rectangle(places[:, :2])
     if rectangle is None:
@@ -196,11 +185,8 @@ def _thickened(
 def _down_to_floor(
     box: StaticBox, model: EnvironmentModel, points: NDArray[np.float32]
 ) -> StaticBox:
-    """The box on the level plane below it, where one cannot see that nothing is between: what
-    stands still in the air is the top of something.
-
-    `points` (n, 3) m, all that was read, NaN where nothing was.
-    """
+    """The box on the level plane below it, unless readings (n, 3) m show that nothing is between:
+    what stands still in the air is the top of something."""
     top = float(box.center[2] + 0.5 * box.edge_lengths[2])
     bottom = float(box.center[2] - 0.5 * box.edge_lengths[2])
     floors = [height for height in _floors_at(model, box.center) if height < bottom]
@@ -236,10 +222,8 @@ def _rays_through(box: StaticBox, model: EnvironmentModel, points: NDArray[np.fl
 def _smallest_rectangle(
     places: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], float, NDArray[np.float64]] | None:
-    """Centre (2,), angle and edge lengths (2,) of the smallest rectangle around most places (n, 2).
-
-    One side of the smallest rectangle around points lies along their convex hull.
-    """
+    """Centre (2,), angle and edge lengths (2,) of the smallest rectangle around most places (n, 2):
+    one of its sides lies along their convex hull."""
     hull = convex_hull(places)
     if hull is None:
         return None

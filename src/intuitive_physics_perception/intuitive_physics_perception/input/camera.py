@@ -91,7 +91,7 @@ class Intrinsics:
             u, v = np.meshgrid(
                 np.linspace(0, width - 1, CHECKED), np.linspace(0, height - 1, CHECKED)
             )
-            check_invertible(*self._at_unit_depth(u, v), self.distortion)
+            _check_invertible(*self._at_unit_depth(u, v), self.distortion)
 
     def part(
         self, *, left: int = 0, top: int = 0, width: int, height: int, binning: int = 1
@@ -133,17 +133,8 @@ class Intrinsics:
         return (u - self.matrix[0, 2] - self.matrix[0, 1] * y) / self.matrix[0, 0], y
 
 
-def check_invertible(x: NDArray[np.float64], y: NDArray[np.float64], terms: ArrayLike) -> None:
-    """Refuse a distortion that is that of no lens.
-
-    `x` (...,) and `y` (...,) distorted points all over the image, at z = 1; `terms` (n,) as of
-    `undistorted`.
-
-    Raises
-    ------
-    InvalidInputError
-        When it cannot be inverted for more than a tenth of the points.
-    """
+def _check_invertible(x: NDArray[np.float64], y: NDArray[np.float64], terms: ArrayLike) -> None:
+    """Refuse a distortion that is that of no lens, by points (...,) all over the image at z = 1."""
     lost = float(np.isnan(undistorted(x, y, terms)[0]).mean())
     if lost > MAX_LOST:
         raise InvalidInputError(

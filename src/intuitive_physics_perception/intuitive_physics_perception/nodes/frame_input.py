@@ -165,25 +165,21 @@ class FrameInput:
         kernels.when_loaded(self._subscribe)
 
     def _subscribe(self) -> None:
-        self._expect()
+        """Subscribe, and have it said when nothing arrives."""
         node, camera = self._node, self._camera
-        for kind in self._monitors:
+        frames = {topic: kind for kind, topic in self._topics.items()}
+        silence = Silence(
+            node, frames, self._remedy(*(LAUNCH_ARGUMENTS[kind] for kind in self._topics))
+        )
+        for kind, monitor in self._monitors.items():
+            monitor.expect(silence)
             create_subscription(node, kind, topic_of(camera, TOPICS[kind]), self._put, SENSOR_DATA)
         if self._has_images:
+            info = {self._info_topic: CameraInfo}
+            self._camera_monitor.expect(Silence(node, info, self._remedy("camera_info")))
             create_subscription(
                 node, CameraInfo, topic_of(camera, CAMERA_INFO), self._on_camera, SENSOR_DATA
             )
-
-    def _expect(self) -> None:
-        """Have it said when nothing arrives on what is subscribed to now."""
-        arguments = [LAUNCH_ARGUMENTS[kind] for kind in self._monitors]
-        frames = {topic: kind for kind, topic in self._topics.items()}
-        silence = Silence(self._node, frames, self._remedy(*arguments))
-        for monitor in self._monitors.values():
-            monitor.expect(silence)
-        if self._has_images:
-            info = {self._info_topic: CameraInfo}
-            self._camera_monitor.expect(Silence(self._node, info, self._remedy("camera_info")))
 
     def _remedy(self, *arguments: str) -> str:
         return launch_arguments(
@@ -221,10 +217,8 @@ class FrameInput:
             monitor.accepted()
 
     def _camera_of(self, message: Frame) -> str:
-        """Return the name of the camera that a message is from, by its frame.
-
-        Clouds of another frame are those of a camera elsewhere, where tf has it.
-        """
+        """Name of the camera that a message is from: clouds of another frame are those of a camera
+        elsewhere, where tf has it."""
         frame_id = message.header.frame_id
         if self._kind is None or frame_id == self._frame_id:
             return self._camera

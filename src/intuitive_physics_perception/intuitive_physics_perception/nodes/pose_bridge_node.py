@@ -20,7 +20,7 @@ from intuitive_physics.errors import IntuitivePhysicsError, InvalidInputError
 from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.messages.geometry import xyz, xyzw
 from intuitive_physics.observation import Observation
-from intuitive_physics.scene import SceneObject
+from intuitive_physics.scene import Environment, Plane, SceneObject
 from intuitive_physics.state import ObjectState
 from intuitive_physics.validation import covariance_matrix, name_string
 from intuitive_physics_perception.nodes.frame_worker import FrameWorker
@@ -28,7 +28,6 @@ from intuitive_physics_perception.nodes.outputs import MARKER_RATE, Outputs
 from intuitive_physics_perception.poses.described_objects import (
     described_objects,
     environment_from_file,
-    floor_environment,
 )
 from intuitive_physics_perception.poses.pose_tracker import MeasuredPose, PoseTracker
 from intuitive_physics_ros.conversions import seconds_from_stamp
@@ -126,8 +125,10 @@ class PoseBridgeNode(ManagedNode):
         )
         self._frame_id = values["frame_id"]
         path = values["environment_file"]
-        floor = (self._frame_id, values["floor_height"], values["floor_material"])
-        environment = environment_from_file(path) if path else floor_environment(*floor)
+        floor = Plane("floor", values["floor_material"], (0, 0, 1), values["floor_height"])
+        environment = Environment([floor], frame_id=self._frame_id)
+        if path:
+            environment = environment_from_file(path)
         if environment.frame_id != self._frame_id:
             raise InvalidInputError(
                 f"frame_id is {self._frame_id!r} and the environment of {path!r} is in "

@@ -10,7 +10,7 @@ from pathlib import Path
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics.frames.change_of_frame import RigidTransform
 from intuitive_physics.limits import check_limit
-from intuitive_physics.scene import Environment, Plane, SceneObject
+from intuitive_physics.scene import Environment, SceneObject
 from intuitive_physics.shapes import Box, Capsule, Shape, Sphere
 
 SHAPES = {"sphere": ("radius",), "box": ("x", "y", "z"), "capsule": ("radius", "length")}
@@ -93,14 +93,6 @@ def _numbers(words: Sequence[str], what: str) -> list[float]:
         return [float(word) for word in words]
     except ValueError as error:
         raise InvalidInputError(f"{what} cannot be read: {error}; expected numbers") from None
-
-
-def floor_environment(frame_id: str, height: float, material: str) -> Environment:
-    """Return a floor without an edge, with z up.
-
-    `height` in m, its z.
-    """
-    return Environment([Plane("floor", material, (0, 0, 1), height)], frame_id=frame_id)
 
 
 def environment_from_file(path: str) -> Environment:

@@ -184,11 +184,8 @@ def compare(
 def _noise_numbers(
     points: NDArray[np.float32], compared: int, noise: RangeNoise
 ) -> NDArray[np.float64]:
-    """Squares (4,) as of `RangeNoise.squares`, raised by the errors that readings share: those
-    farther apart than a matching window share none.
-
-    `points` (height, width, 3) m; `compared`: number of its readings that are compared.
-    """
+    """Squares (4,) as of `RangeNoise.squares`, raised by the errors that some of the readings of a
+    frame share: those farther apart than a matching window share none."""
     part = min(compared / max(points.shape[0] * points.shape[1], 1), 1.0)
     shared = 1.0 + (noise.correlated - 1.0) * part
     return np.asarray(shared * noise.squares)
@@ -329,11 +326,7 @@ def _weigh(
     information: Any,
     pulls: Any,
 ) -> None:
-    """Weigh residuals by Tukey's biweight and add up information and pulls by thing.
-
-    `landmarks`: places (n, 3) m, normals (n, 3) and things (n,); `limits`: the scale of the
-    residuals and the gate in m.
-    """
+    """Weigh residuals by Tukey's biweight and add up information and pulls by thing."""
     places, normals, things = landmarks
     scale, gate = limits
     for i in range(places.shape[0]):

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from intuitive_physics.kernels import entry, kernel
 from intuitive_physics_perception.environment.environment_model import EnvironmentModel
 from intuitive_physics_perception.environment.noise import RangeNoise
 from intuitive_physics_perception.environment.planes import DetectedPlane
@@ -66,7 +66,7 @@ rounding, and as much of noise."""
 MOST_THINGS = 15
 """Things that may move by themselves and are kept apart; smaller ones count as one."""
 
-OF_EACH = ("places", "normals", "variances", "spreads", "things", "is_edge")
+OF_EACH = ("places", "normals", "variances", "things", "is_edge", "is_on_plane")
 """Arrays of `Landmarks` with a row for each."""
 
 
@@ -82,28 +82,23 @@ class Landmarks:
     places : (n, 3) m
     normals : (n, 3) unit vectors: of a patch towards the sensor, of an edge across it
     variances : (n,) m², of the place along the normal; of an edge with that of finding it
-    spreads : (n, 3, 3) covariances of the normals, zero for those of planes and edges
     things : (n,) number of the thing it belongs to; 0: of the support or of what is as large as a
         wall, which do not move
     is_edge : (n,) whether it is on an edge
+    is_on_plane : (n,) whether it is a patch of a plane, whose normal is known
     lens : (10, 2) as of `fitted_lens`
     """
 
     places: NDArray[np.float64]
     normals: NDArray[np.float64]
     variances: NDArray[np.float64]
-    spreads: NDArray[np.float64]
     things: NDArray[np.int64]
     is_edge: NDArray[np.bool_]
+    is_on_plane: NDArray[np.bool_]
     lens: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.places)
-
-    @property
-    def is_on_plane(self) -> NDArray[np.bool_]:
-        """(n,) whether it is a patch of a plane, whose normal is known."""
-        return ~self.is_edge & (self.spreads[:, 0, 0] == 0.0)
 
     def chosen(self, which: NDArray[Any]) -> Landmarks:
         """Return some of them; `which` (m,) indices or (n,) marks."""
@@ -163,15 +158,12 @@ def _patches(
     lens: NDArray[np.float64],
 ) -> Landmarks:
     """Flat patches of the view. On a plane they have its normal."""
-    places, normals, variances, spreads, rows, columns = _fitted_patches(
-        points, frames, model.noise
-    )
+    places, normals, variances, turns, rows, columns = _fitted_patches(points, frames, model.noise)
     on_plane = np.full(len(places), -1)
     for k, plane in enumerate(model.detected):
-        near = _is_on(plane, places, normals, spreads, model.noise, settings)
+        near = _is_on(plane, places, normals, turns, model.noise, settings)
         on_plane[near & (on_plane < 0)] = k
         normals[on_plane == k] = plane.normal
-        spreads[on_plane == k] = 0.0
     kept = [
         _evenly(np.flatnonzero(on_plane == k), PLANE_PATCHES) for k in range(len(model.detected))
     ]
@@ -180,9 +172,9 @@ def _patches(
         places,
         normals,
         variances,
-        spreads,
         things[rows, columns],
         np.zeros(len(places), dtype=bool),
+        on_plane >= 0,
         lens,
     )
     return patches.chosen(np.concatenate(kept))
@@ -191,145 +183,89 @@ def _patches(
 def _fitted_patches(
     points: NDArray[np.float32], frames: int, noise: RangeNoise
 ) -> tuple[NDArray[Any], ...]:
-    """Places (n, 3) m, normals (n, 3), variances (n,) m² along them, covariances (n, 3, 3) of the
-    normals, rows (n,) and columns (n,) of all flat patches."""
-    reach = PATCH_REACH
-    height, width = points.shape[:2]
-    rows, columns = np.mgrid[
-        reach : height - reach : PATCH_STEP, reach : width - reach : PATCH_STEP
-    ]
-    rows, columns = rows.ravel(), columns.ravel()
-    places, normals = np.full((len(rows), 3), np.nan), np.empty((len(rows), 3))
-    variances, spreads = np.empty(len(rows)), np.empty((len(rows), 3, 3))
-    # The median of n readings has π / 2 times the variance of their mean.
-    share = 1.0 if frames == 1 else 0.5 * np.pi / frames
-    numbers = np.append(share * noise.squares, noise.correlated)
-    axes = np.empty((3, 3))
-    _fit_patches(points, rows, columns, numbers, places, normals, variances, spreads, axes)
-    flat = np.isfinite(places[:, 0])
-    return tuple(a[flat] for a in (places, normals, variances, spreads, rows, columns))
-
-
-@entry
-def _fit_patches(
-    points: Any,
-    rows: Any,
-    columns: Any,
-    noise: Any,
-    places: Any,
-    normals: Any,
-    variances: Any,
-    spreads: Any,
-    axes: Any,
-) -> None:
-    """Fit the patch about each pixel; NaN stays where it is not flat.
+    """Places (n, 3) m, normals (n, 3), variances (n,) m² along them and (n,) rad² of the normals,
+    rows (n,) and columns (n,) of all flat patches.
 
     A plane x · p = 1 has the inverse range x · u along the unit vector u, so x is a regression in
     which only the inverse range errs. In the axes (w, e, f), w along the ray of the middle, it is
     one in the slopes of the other rays.
-
-    `noise` (5,): squares of constant, quadratic part, limit and lateral deviation, and how many
-    neighbours share an error; `axes` (3, 3): memory.
     """
-    for i in range(rows.shape[0]):
-        if not _look_along(points, rows[i], columns[i], axes):
-            continue
-        n, middle, spread, inverse, common, rest = _moments(points, rows[i], columns[i], axes)
-        (a, b), (c11, c12, c22), (d1, d2) = middle, spread, common
-        determinant = c11 * c22 - c12 * c12
-        if n < PATCH_READINGS or not determinant > 1e-3 * c11 * c22:
-            continue
-        g1 = (c22 * d1 - c12 * d2) / determinant
-        g2 = (c11 * d2 - c12 * d1) / determinant
-        g0 = inverse - g1 * a - g2 * b
-        if not g0 > 0.0:
-            continue
-        reach2 = 1.0 / (g0 * g0)
-        slope2 = (g1 * g1 + g2 * g2) * reach2
-        variance = min(noise[0] + noise[1] * reach2 * reach2, noise[2])
-        variance += noise[3] * reach2 * slope2
-        # Of an inverse range.
-        error2 = variance / (reach2 * reach2)
-        if rest - g1 * d1 - g2 * d2 > FLATNESS * error2:
-            continue
-        error2 *= min(noise[4], n) / n
-        length = np.sqrt(g0 * g0 + g1 * g1 + g2 * g2)
-        for k in range(3):
-            places[i, k] = axes[0, k] / g0
-            normals[i, k] = -(g0 * axes[0, k] + g1 * axes[1, k] + g2 * axes[2, k]) / length
-        away2 = (a * a * c22 - 2.0 * a * b * c12 + b * b * c11) / determinant
-        variances[i] = error2 * (1.0 + away2) * reach2 * reach2 / (1.0 + slope2)
-        part = error2 / (determinant * length * length)
-        _turn_spread(spreads[i], normals[i], axes, c22 * part, -c12 * part, c11 * part)
-
-
-@kernel
-def _look_along(points: Any, row: int, column: int, axes: Any) -> bool:
-    """Set axes (3, 3) along the ray of a pixel and across it; False if nothing was read there."""
-    x, y, z = (
-        float(points[row, column, 0]),
-        float(points[row, column, 1]),
-        float(points[row, column, 2]),
+    rows, columns, axes, counts, means, scatter = _patch_moments(points)
+    spread, common = scatter[:, 1:, 1:], scatter[:, 1:, 0]
+    determinants = np.linalg.det(spread)
+    kept = (counts >= PATCH_READINGS) & (determinants > 1e-3 * spread[:, 0, 0] * spread[:, 1, 1])
+    rows, columns, axes, counts, means, spread, common = (
+        array[kept] for array in (rows, columns, axes, counts, means, spread, common)
     )
-    length = np.sqrt(x * x + y * y + z * z)
+    inverse = np.linalg.inv(spread)
+    slopes = (inverse @ common[:, :, None])[:, :, 0]
+    rest = scatter[kept, 0, 0] - (slopes * common).sum(axis=1)
+    at_middle = means[:, 0] - (slopes * means[:, 1:]).sum(axis=1)
+    g = np.column_stack([at_middle, slopes])
+    reach2, lengths2 = 1.0 / at_middle**2, np.square(g).sum(axis=1)
+    # The median of n readings has π / 2 times the variance of their mean.
+    share = 1.0 if frames == 1 else 0.5 * np.pi / frames
+    constant, quadratic, limit, lateral = share * noise.squares
+    slope2 = np.square(slopes).sum(axis=1) * reach2
+    reading = np.minimum(constant + quadratic * reach2**2, limit) + lateral * reach2 * slope2
+    # Of an inverse range.
+    error2 = reading / reach2**2
+    flat = (at_middle > 0.0) & (rest <= FLATNESS * error2)
+    error2 *= np.minimum(noise.correlated, counts) / counts
+    away2 = np.einsum("ni,nij,nj->n", means[:, 1:], inverse, means[:, 1:])
+    normals = -np.einsum("ni,nij->nj", g, axes) / np.sqrt(lengths2)[:, None]
+    # Errors of the slopes turn a normal by what of the axes is across it.
+    across = axes[:, 1:] - (axes[:, 1:] @ normals[:, :, None]) * normals[:, None]
+    turns = np.einsum("nki,nkl,nli->n", across, inverse, across) * error2 / lengths2
+    found = (
+        axes[:, 0] / at_middle[:, None],
+        normals,
+        error2 * (1.0 + away2) * reach2**2 / (1.0 + slope2),
+        turns,
+        rows,
+        columns,
+    )
+    return tuple(array[flat] for array in found)
+
+
+def _patch_moments(points: NDArray[np.float32]) -> tuple[NDArray[Any], ...]:
+    """Rows (n,) and columns (n,) of the middles of patches that were read; axes (n, 3, 3) along
+    their rays and across; numbers (n,), means (n, 3) and covariances (n, 3, 3) of the readings:
+    inverse ranges along the middle, and slopes."""
+    height, width = points.shape[:2]
+    middles = (np.arange(PATCH_REACH, size - PATCH_REACH, PATCH_STEP) for size in (height, width))
+    rows, columns = (axis.ravel() for axis in np.meshgrid(*middles, indexing="ij"))
+    lengths = np.linalg.norm(points[rows, columns].astype(np.float64), axis=1)
     # NaN compares false with everything.
-    if not length > 0.0:
-        return False
-    x, y, z = x / length, y / length, z / length
+    rows, columns, lengths = (array[lengths > 0.0] for array in (rows, columns, lengths))
+    along = points[rows, columns] / lengths[:, None]
     # Across the y axis, which a camera hardly looks along.
-    across = np.sqrt(x * x + z * z) + 1e-12
-    ex, ez = z / across, -x / across
-    axes[0, 0], axes[0, 1], axes[0, 2] = x, y, z
-    axes[1, 0], axes[1, 1], axes[1, 2] = ex, 0.0, ez
-    axes[2, 0], axes[2, 1], axes[2, 2] = y * ez, z * ex - x * ez, -y * ex
-    return True
-
-
-@kernel
-def _moments(points: Any, row: int, column: int, axes: Any) -> Any:
-    """Number of readings of a patch, means of their slopes and the covariance of these, the mean
-    of the inverse ranges along the middle, their covariances with the slopes and their variance."""
-    n = s1 = s2 = s11 = s12 = s22 = k0 = k1 = k2 = kk = 0.0
-    for v in range(row - PATCH_REACH, row + PATCH_REACH + 1):
-        for u in range(column - PATCH_REACH, column + PATCH_REACH + 1):
-            x, y, z = float(points[v, u, 0]), float(points[v, u, 1]), float(points[v, u, 2])
-            along = x * axes[0, 0] + y * axes[0, 1] + z * axes[0, 2]
-            if not along > 0.0:
-                continue
-            k = 1.0 / along
-            a = (x * axes[1, 0] + y * axes[1, 1] + z * axes[1, 2]) * k
-            b = (x * axes[2, 0] + y * axes[2, 1] + z * axes[2, 2]) * k
-            n, s1, s2 = n + 1.0, s1 + a, s2 + b
-            s11, s12, s22 = s11 + a * a, s12 + a * b, s22 + b * b
-            k0, k1, k2, kk = k0 + k, k1 + a * k, k2 + b * k, kk + k * k
-    a, b, k = s1 / n, s2 / n, k0 / n
-    spread = s11 / n - a * a, s12 / n - a * b, s22 / n - b * b
-    return n, (a, b), spread, k, (k1 / n - a * k, k2 / n - b * k), kk / n - k * k
-
-
-@kernel
-def _turn_spread(spread: Any, normal: Any, axes: Any, q11: float, q12: float, q22: float) -> None:
-    """Set the covariance (3, 3) of a normal by that of its two slopes: errors of these turn it by
-    what of the axes is across it."""
-    along1 = along2 = 0.0
-    for k in range(3):
-        along1, along2 = along1 + axes[1, k] * normal[k], along2 + axes[2, k] * normal[k]
-    for r in range(3):
-        e, f = axes[1, r] - along1 * normal[r], axes[2, r] - along2 * normal[r]
-        for c in range(3):
-            g, h = axes[1, c] - along1 * normal[c], axes[2, c] - along2 * normal[c]
-            spread[r, c] = q11 * e * g + q12 * (e * h + f * g) + q22 * f * h
+    side = np.cross([0.0, 1.0, 0.0], along)
+    side /= np.linalg.norm(side, axis=1, keepdims=True) + 1e-12
+    axes = np.stack([along, side, np.cross(along, side)], axis=1)
+    offsets = np.arange(-PATCH_REACH, PATCH_REACH + 1)
+    patches = points[rows[:, None, None] + offsets[:, None], columns[:, None, None] + offsets]
+    turned = patches.reshape(len(rows), -1, 3).astype(np.float64) @ axes.transpose(0, 2, 1)
+    is_read = turned[:, :, :1] > 0.0
+    turned[~is_read[:, :, 0]] = 1.0, 0.0, 0.0
+    readings = turned / turned[:, :, :1]
+    readings[:, :, :1] = 1.0 / turned[:, :, :1]
+    readings *= is_read
+    counts = is_read.sum(axis=(1, 2))
+    means = readings.sum(axis=1) / counts[:, None]
+    squares = readings.transpose(0, 2, 1) @ readings / counts[:, None, None]
+    return rows, columns, axes, counts, means, squares - means[:, :, None] * means[:, None]
 
 
 def _is_on(
     plane: DetectedPlane,
     places: NDArray[np.float64],
     normals: NDArray[np.float64],
-    spreads: NDArray[np.float64],
+    turns: NDArray[np.float64],
     noise: RangeNoise,
     settings: PerceptionSettings,
 ) -> NDArray[np.bool_]:
-    """Mark the patches (n,) that are part of a plane, by place and normal."""
+    """Mark the patches (n,) that are part of a plane, by place and normal, with variances (n,)."""
     ranges = np.linalg.norm(places, axis=1)
     along = places @ plane.normal
     distances = along - plane.offset - plane.heights(places)
@@ -337,7 +273,7 @@ def _is_on(
         settings.plane_sigmas * noise.deviation(ranges) * along / ranges, settings.plane_tolerance
     )
     turned = np.linalg.norm(normals - plane.normal, axis=1)
-    own = 3.0 * np.sqrt(np.trace(spreads, axis1=1, axis2=2))
+    own = 3.0 * np.sqrt(turns)
     return np.asarray((np.abs(distances) < margins) & (turned < ON_PLANE_ANGLE + own))
 
 
@@ -350,18 +286,15 @@ def _edges(
     points: NDArray[np.float32], things: NDArray[np.int64], lens: NDArray[np.float64]
 ) -> Landmarks:
     """Places on straight edges of what stands before something farther."""
-    ranges = np.linalg.norm(points, axis=2)
+    ranges = np.linalg.norm(points, axis=2).astype(np.float64)
     found: list[NDArray[np.float64]] = []
     labels: list[NDArray[np.int64]] = []
     for transposed in (False, True):
-        image = np.ascontiguousarray(ranges.T if transposed else ranges)
-        numbers = things.T if transposed else things
+        image, numbers = (ranges.T, things.T) if transposed else (ranges, things)
         for side in (1, -1):
-            marks = np.zeros(image.shape, dtype=np.bool_)
-            _mark_edges(image, side, marks)
-            lines, columns = (np.ascontiguousarray(axis) for axis in np.nonzero(marks))
-            slopes = np.full(len(lines), np.nan)
-            _fit_lines(marks, lines, columns, slopes)
+            marks = _marked_edges(image, side)
+            lines, columns = np.nonzero(marks)
+            slopes = _line_slopes(marks, lines, columns)
             kept = np.isfinite(slopes) & (lines % EDGE_STEP == 0)
             lines, columns, slopes = lines[kept], columns[kept], slopes[kept]
             at = np.stack([lines, columns + 0.5 * side], axis=1)
@@ -393,55 +326,44 @@ def _edge_landmarks(
         places,
         h / size[:, None],
         np.square(EDGE_DEVIATION / size),
-        np.zeros((len(places), 3, 3)),
         things,
         np.ones(len(places), dtype=bool),
+        np.zeros(len(places), dtype=bool),
         lens,
     )
 
 
-@entry
-def _mark_edges(ranges: Any, side: int, marks: Any) -> None:
+def _marked_edges(ranges: NDArray[np.float64], side: int) -> NDArray[np.bool_]:
     """Mark the last reading of each surface, towards a side, before something farther."""
-    height, width = ranges.shape
-    for v in range(height):
-        for u in range(2, width - 2):
-            near, inner = ranges[v, u], ranges[v, u - 2 * side]
-            jump = EDGE_JUMP * max(near, 2.0)
-            # NaN compares false with everything.
-            if not abs(inner - near) < 0.5 * jump:
-                continue
-            for k in range(1, LARGEST_GAP + 1):
-                other = u + k * side
-                if other < 0 or other >= width:
-                    break
-                if ranges[v, other] > 0.0:
-                    marks[v, u] = ranges[v, other] > near + jump
-                    break
+    width = ranges.shape[1]
+    padded = np.pad(ranges, ((0, 0), (LARGEST_GAP, LARGEST_GAP)), constant_values=np.nan)
+    inner, *others = (
+        padded[:, LARGEST_GAP + k * side :][:, :width] for k in (-2, *range(LARGEST_GAP, 0, -1))
+    )
+    next_one = np.full(ranges.shape, np.nan)
+    for other in others:
+        np.copyto(next_one, other, where=other > 0.0)
+    jump = EDGE_JUMP * np.maximum(ranges, 2.0)
+    # NaN compares false with everything.
+    marks = (np.abs(inner - ranges) < 0.5 * jump) & (next_one > ranges + jump)
+    marks[:, [0, 1, -2, -1]] = False
+    return marks
 
 
-@entry
-def _fit_lines(marks: Any, lines: Any, columns: Any, slopes: Any) -> None:
-    """Set the slope, columns a line, of straight edges; others stay NaN."""
-    height, width = marks.shape
-    for i in range(lines.shape[0]):
-        v, u = lines[i], columns[i]
-        n = sx = sy = sxx = sxy = syy = 0.0
-        for dv in range(max(-EDGE_REACH, -v), min(EDGE_REACH, height - 1 - v) + 1):
-            best = EDGE_REACH + 1
-            for du in range(max(-EDGE_REACH, -u), min(EDGE_REACH, width - 1 - u) + 1):
-                if marks[v + dv, u + du] and abs(du) < abs(best):
-                    best = du
-            if best <= EDGE_REACH:
-                n, sx, sy = n + 1.0, sx + dv, sy + best
-                sxx, sxy, syy = sxx + dv * dv, sxy + dv * best, syy + best * best
-        if n < 1.5 * EDGE_REACH:
-            continue
-        spread = sxx - sx * sx / n
-        common = sxy - sx * sy / n
-        if not spread > 0.0:
-            continue
-        slope = common / spread
-        rest = syy - sy * sy / n - slope * common
-        if abs(slope) <= 1.0 and rest < n:
-            slopes[i] = slope
+def _line_slopes(
+    marks: NDArray[np.bool_], lines: NDArray[np.intp], columns: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """Slopes (n,), columns a line, of straight edges at marked pixels; NaN of others."""
+    reach = np.arange(-EDGE_REACH, EDGE_REACH + 1)
+    nearest_first = reach[np.argsort(np.abs(reach), kind="stable")]
+    windows = sliding_window_view(np.pad(marks, EDGE_REACH), (reach.size, reach.size))
+    around = windows[lines, columns][:, :, nearest_first + EDGE_REACH]
+    seen = around.any(axis=2)
+    n = seen.sum(axis=1)
+    x, y = seen * reach, seen * nearest_first[around.argmax(axis=2)]
+    spread = (x * x).sum(axis=1) - x.sum(axis=1) ** 2 / n
+    common = (x * y).sum(axis=1) - x.sum(axis=1) * y.sum(axis=1) / n
+    slopes = common / np.maximum(spread, 1e-9)
+    rest = (y * y).sum(axis=1) - y.sum(axis=1) ** 2 / n - slopes * common
+    is_line = (n >= 1.5 * EDGE_REACH) & (spread > 0.0) & (np.abs(slopes) <= 1.0) & (rest < n)
+    return np.where(is_line, slopes, np.nan)

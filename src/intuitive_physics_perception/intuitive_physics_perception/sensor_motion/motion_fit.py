@@ -6,8 +6,6 @@ frame [Rusinkiewicz and Levoy 2001] are made smallest by Gauss–Newton steps wi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,27 +42,6 @@ LARGEST_SCALE = 2.0
 another scene. Set by hand."""
 
 
-@dataclass(frozen=True, eq=False)
-class MotionFit:
-    """The pose of a sensor by one frame.
-
-    Parameters
-    ----------
-    compared : the frame, from the pose that was found
-    information : (6, 6) 1/m² about it, of shift and turn as of `Comparison`
-    doubt : why it cannot be relied on, a part of a sentence; empty where nothing speaks against it
-    """
-
-    compared: Comparison
-    information: NDArray[np.float64]
-    doubt: str = ""
-
-    @property
-    def way(self) -> RigidTransform:
-        """From the sensor's frame to that of the landmarks."""
-        return self.compared.way
-
-
 def fit_motion(
     points: NDArray[np.float32],
     landmarks: Landmarks,
@@ -72,8 +49,9 @@ def fit_motion(
     noise: RangeNoise,
     scale: float,
     least_share: float,
-) -> MotionFit:
-    """Fit the pose of a sensor to a frame.
+) -> tuple[Comparison, str]:
+    """Fit the pose of a sensor to a frame; return the frame compared from there, and why that
+    cannot be relied on, a part of a sentence, empty where nothing speaks against it.
 
     `points` (height, width, 3) m, NaN where nothing was read; `start`: the way in the last frame;
     `scale`: of the residuals in standard deviations, where nothing has moved; `least_share`: part
@@ -89,8 +67,7 @@ def fit_motion(
         if gate == 0.0 and step @ information @ step < CONVERGED**2:
             break
     compared = compare(points, landmarks, way, noise, scale)
-    information = compared.determined()
-    return MotionFit(compared, information, _doubt(compared, start, scale, least_share))
+    return compared, _doubt(compared, start, scale, least_share)
 
 
 def _moved(way: RigidTransform, step: NDArray[np.float64]) -> RigidTransform:

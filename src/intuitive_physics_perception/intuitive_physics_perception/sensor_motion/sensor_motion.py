@@ -15,7 +15,6 @@ from intuitive_physics_perception.environment.standing import AwayClock, is_same
 from intuitive_physics_perception.sensor_motion.comparison import Comparison, compare
 from intuitive_physics_perception.sensor_motion.landmarks import Landmarks, landmarks_of
 from intuitive_physics_perception.sensor_motion.motion_fit import (
-    MotionFit,
     fit_motion,
     motions_in_words,
     undetermined,
@@ -98,8 +97,9 @@ class SensorMotion:
         """Return whether that lasts so long that the environment has to be modelled again."""
         return self._lost.has_moved(time, is_covered=self._is_covered)
 
-    def fit(self, points: NDArray[np.float32]) -> MotionFit:
-        """Return what a frame alone shows of where the sensor is, near where it was last.
+    def fit(self, points: NDArray[np.float32]) -> tuple[Comparison, str]:
+        """Return a frame compared from where it alone shows the sensor, near where it was last, and
+        why that cannot be relied on, empty where it can.
 
         `points` (height, width, 3) m, NaN where nothing was read.
         """
@@ -119,17 +119,17 @@ class SensorMotion:
         self._is_covered = still.hidden > MOST_HIDDEN
         if self._is_covered:
             return "something hides nearly all that was modelled"
-        fit = self.fit(points)
-        if fit.doubt:
-            return "" if self._is_back(points) else fit.doubt
-        if fit.compared.advantage(still, of_all=not at_home) < SIGNIFICANT:
+        fit, doubt = self.fit(points)
+        if doubt:
+            return "" if self._is_back(points) else doubt
+        if fit.advantage(still, of_all=not at_home) < SIGNIFICANT:
             self._guess = last
             return ""
         self._guess = fit.way
         if is_same_view(fit.way, self._noise):
             self.way = RigidTransform()
             return ""
-        if words := self._in_words(fit.information):
+        if words := self._in_words(fit.determined()):
             return f"what is seen does not determine {words}"
         self.way = fit.way
         return ""
@@ -176,11 +176,7 @@ def _at_rest(
     landmarks: Landmarks, frames: Sequence[NDArray[np.float32]], noise: RangeNoise
 ) -> tuple[Landmarks, float]:
     """Landmarks where single frames (height, width, 3) m of a sensor at rest show them on average,
-    and the scale of all residuals there.
-
-    Patches on planes stay: a plane is known better than any frame shows one of its patches. Others
-    may be curved.
-    """
+    and the scale of all residuals there; a plane is known better than a frame shows its patches."""
     here = RigidTransform()
     seen = [compare(frame, landmarks, here, noise, gate=WIDE_GATE) for frame in frames]
     residuals = np.stack([one.residuals for one in seen])

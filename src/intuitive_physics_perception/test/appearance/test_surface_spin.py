@@ -20,13 +20,11 @@ from intuitive_physics_perception.appearance.registration import (
     PRODUCT,
     RIM,
     add_scores,
-    best_apart,
-    overlay,
 )
 from intuitive_physics_perception.appearance.sphere_image import GRID_CELLS, SphereImage, pitch_of
 from intuitive_physics_perception.appearance.spin_fit import ImageSeries, Spin
 from intuitive_physics_perception.appearance.surface_spin import SurfaceSpin
-from intuitive_physics_perception.appearance.turn_search import LAGS, ball_of_turns, turn_tables
+from intuitive_physics_perception.appearance.turn_search import LAGS, turn_tables
 
 from ..conftest import waves
 
@@ -89,23 +87,19 @@ def random_spin(seed: int, turn: float) -> NDArray[np.float64]:
 
 
 def test_the_gradient_is_that_of_the_misfit() -> None:
-    times, images = flight(waves(1), np.array([2.0, -3.0, 1.0]), 3)
-    values, axes = np.stack([i.values for i in images]), np.stack([i.axes for i in images])
-    at, pitch = np.array([2.6, -2.5, 1.4]), pitch_of(CELLS_ACROSS)
-
-    def sums(spin: NDArray[np.float64]) -> NDArray[np.float64]:
-        return overlay(values, axes, np.array(times), spin, 2, pitch)
+    series = ImageSeries(*flight(waves(1), np.array([2.0, -3.0, 1.0]), 3))
+    at = np.array([2.6, -2.5, 1.4])
 
     def misfit(spin: NDArray[np.float64]) -> float:
         # Σ (e_k - e_j)² / 2 = Σ (e_k² + e_j²) / 2 - Σ e_k e_j.
-        totals = sums(spin)
+        totals = series.overlaid(spin, 2)
         return float(totals[POWER] - totals[PRODUCT])
 
     step = 1e-3
     numeric = [
         (misfit(at + step * unit) - misfit(at - step * unit)) / (2.0 * step) for unit in np.eye(3)
     ]
-    gradient = -sums(at)[GRADIENT:MEAT]
+    gradient = -series.overlaid(at, 2)[GRADIENT:MEAT]
     # Slopes are those of a linear interpolation, and cells come and go at the rim.
     assert gradient == pytest.approx(numeric, abs=0.1 * float(np.linalg.norm(numeric)))
 
@@ -118,11 +112,7 @@ def test_smooth_light_makes_no_difference() -> None:
         3,
         light=lambda n: 2.0 * n[..., 0] - n[..., 1] * n[..., 2] + 3.0 * n[..., 2] ** 2,
     )
-    axes, pitch = np.stack([i.axes for i in images]), pitch_of(CELLS_ACROSS)
-    first, second = (
-        overlay(np.stack([i.values for i in own]), axes, np.array(times), np.ones(3), 2, pitch)
-        for own in (images, lit)
-    )
+    first, second = (ImageSeries(times, own).overlaid(np.ones(3), 2) for own in (images, lit))
     assert second[CELLS] == first[CELLS]
     assert second[[PRODUCT, POWER]] == pytest.approx(first[[PRODUCT, POWER]], rel=0.05)
 
@@ -269,23 +259,6 @@ def test_another_spin_after_a_hit_is_not_the_one_before() -> None:
     assert estimator.spin is None or estimator.spin.mean == pytest.approx([-6.0, 9.0, 7.0], abs=0.5)
 
 
-def test_forgetting_begins_again() -> None:
-    times, images = flight(waves(7), np.array([8.0, 2.0, -3.0]), 5)
-    estimator = estimated(times, images)
-    assert estimator.spin is not None
-    estimator.forget()
-    estimator.take(times[-1] + 1.0 / RATE, images[-1])
-    assert estimator.spin is None
-
-
-def test_rotations_are_tried_up_to_the_largest_one() -> None:
-    turns = ball_of_turns(0.3, 2.9)
-    angles = np.linalg.norm(turns, axis=1)
-    assert angles.max() <= 2.9
-    # As many as the ball's volume has cells.
-    assert len(turns) == pytest.approx(4.0 / 3.0 * np.pi * (2.9 / 0.3) ** 3, rel=0.02)
-
-
 def test_a_spin_is_at_its_rotation_in_each_table() -> None:
     step = 0.5
     rotations, turns, places = turn_tables(step)
@@ -298,15 +271,9 @@ def test_a_spin_is_at_its_rotation_in_each_table() -> None:
 
 def test_images_that_lie_on_one_another_score_by_their_power() -> None:
     view = image(waves(8), np.eye(3), axes_towards(np.array([-1.0, 0.2, 0.1]))).coarse
-    axes, scores = np.stack([np.eye(3), np.eye(3)]), np.zeros(2)
-    add_scores(view, view, axes, np.stack([np.eye(3), np.diag([-1.0, 1.0, -1.0])]), 0.12, scores)
+    scores = np.zeros(2)
+    add_scores(view, view, np.stack([np.eye(3), np.diag([-1.0, 1.0, -1.0])]), 0.12, scores)
     rows, columns = np.indices(view.shape)
     power = np.nansum(np.square(view[(rows + columns) % 2 == 0]))
     # Turned by half a turn nothing is seen in both.
     assert scores == pytest.approx([(1.0 - DISAGREEMENT) * power, 0.0], rel=1e-4)
-
-
-def test_the_best_rotations_are_apart() -> None:
-    turns = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
-    chosen = best_apart(np.array([3.0, 2.5, 2.0, -1.0]), turns, 0.3, 4)
-    assert list(chosen) == [0, 2, -1, -1]

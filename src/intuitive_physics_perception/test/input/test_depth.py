@@ -6,8 +6,6 @@ from types import SimpleNamespace as Message
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from intuitive_physics.errors import InvalidInputError
 from intuitive_physics_perception.input.camera import Intrinsics
@@ -100,30 +98,3 @@ def test_images_that_are_not_depth_are_refused(changes: dict, message: str) -> N
     header = {"width": 3, "height": 2, "encoding": "16UC1", "step": 6, "is_bigendian": 0}
     with pytest.raises(InvalidInputError, match=message):
         depth_of_image(Message(data=bytes(12), **{**header, **changes}))
-
-
-sizes = st.integers(0, 40) | st.integers(0, 2**32 - 1)
-
-
-@settings(max_examples=300, deadline=None)
-@given(
-    st.builds(
-        Message,
-        data=st.binary(max_size=400),
-        width=sizes,
-        height=sizes,
-        step=sizes,
-        encoding=st.sampled_from(["16UC1", "32FC1", "mono16", "8UC1", ""]),
-        is_bigendian=st.integers(0, 1),
-    )
-)
-def test_any_image_message_gives_points_or_one_error(message) -> None:
-    try:
-        image = depth_of_image(message)
-    except InvalidInputError:
-        return
-    assert image.shape == (message.height, message.width)
-    if image.size:
-        points = points_from_depth(image, Intrinsics(message.width, message.height, K).rays())
-        depth = points[..., 2]
-        assert ((depth > 0.0) | np.isnan(depth)).all()

@@ -9,7 +9,6 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from intuitive_physics_msgs.msg import Environment as EnvironmentMessage
 from intuitive_physics_msgs.msg import ObjectStates, Observation
-from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image
 from tf2_msgs.msg import TFMessage
 from vision_msgs.msg import Detection3DArray
@@ -25,6 +24,7 @@ from intuitive_physics_ros.conversions import (
 from intuitive_physics_ros.qos import LATCHED, OBSERVATIONS, SENSOR_DATA
 from intuitive_physics_ros.scripting import NodeProcess, Peer
 
+from ..conftest import Head
 from .camera_messages import (
     FRAMES,
     STEP,
@@ -186,17 +186,11 @@ def test_a_frame_that_moves_takes_the_environment_along(peer, node, room) -> Non
     assert "time went back" in node.output
 
 
-def carried(room, k: int) -> RigidTransform:
+def carried(head: Head, k: int) -> RigidTransform:
     """Go with the camera on a head that turns by 20 °/s while it moves by 0.4 m/s; its pose."""
     gone = max(0.0, (k - FRAMES) * STEP)
-    turn = Rotation.from_euler("xyz", [-4.0 * gone, -20.0 * gone, 0.0], degrees=True)
-    pose = RigidTransform(
-        np.array([0.0, 0.4, 0.05]) * gone + [0.0, 0.0, room.height],
-        (Rotation.from_matrix(room.first) * turn).as_quat(),
-    )
-    room.rotation, room.origin = pose.matrix, pose.translation
-    room.rays = room.camera_rays @ pose.matrix.T
-    return BASE.inverse.after(pose)
+    head.go(np.array([0.0, 0.4, 0.05]) * gone, [-4.0 * gone, -20.0 * gone, 0.0])
+    return BASE.inverse.after(head.room.pose)
 
 
 @pytest.mark.parametrize(
@@ -207,7 +201,7 @@ def test_a_camera_that_is_carried_sees_everything_where_it_is(
 ) -> None:
     """p0 + v t - g t²/2 in the frame that stands still, whatever the camera does meanwhile."""
     room = make_small_room(tilt=25.0, seed=5)
-    room.first, room.camera_rays = room.rotation, room.rays @ room.rotation
+    head = Head(room)
     environments = peer.listen(EnvironmentMessage, "intuitive_physics/environment", LATCHED)
     states = peer.listen(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
     observations = peer.listen(Observation, "intuitive_physics/observations", OBSERVATIONS)
@@ -220,7 +214,7 @@ def test_a_camera_that_is_carried_sees_everything_where_it_is(
     def look(time: float) -> Image:
         """It stands, until the environment is known."""
         infos.publish(info_message(room))
-        tf.publish(transform_message(carried(room, 0), 1.0 + time))
+        tf.publish(transform_message(carried(head, 0), 1.0 + time))
         return image_message(room.depth(), 1.0 + time)
 
     play_until(peer, images, look, lambda: environments, "an environment")
@@ -228,7 +222,7 @@ def test_a_camera_that_is_carried_sees_everything_where_it_is(
     for k in range(3 * FRAMES + 14):
         flown = (k - FRAMES) * STEP
         place = p0 + v0 * flown - [0.0, 0.0, 0.5 * 9.81 * flown**2]
-        pose = carried(room, k)
+        pose = carried(head, k)
         balls = [(place, 0.07)] if 0.0 <= flown < 0.5 else []
         # The image comes before the transform of its time, as it often does.
         images.publish(image_message(room.depth(balls), begun + k * STEP))

@@ -97,10 +97,10 @@ def test_errors_of_motions_are_as_large_as_their_covariances(furnished, shift, a
         furnished.go((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         motion = furnished.motion_by([furnished.look() for _ in range(4)])
         true = furnished.go(shift, angles)
-        fit = motion.fit(furnished.look())
-        assert not fit.doubt
+        fit, doubt = motion.fit(furnished.look())
+        assert not doubt
         error = error_of(fit.way, true)
-        squares.append(error @ fit.information @ error)
+        squares.append(error @ fit.determined() @ error)
     # The mean of 12 has the standard deviation 1; robust weights make covariances a fifth larger.
     assert 2.0 < np.mean(squares) < 9.0
 
@@ -154,7 +154,7 @@ def test_of_one_plane_a_motion_along_it_is_not_determined(floor) -> None:
     floor.go((0.0, 0.0, 0.03), (1.0, 0.0, 0.0))
     floor.motion.follow(floor.look(), 2.0)
     assert "does not determine" in floor.motion.doubt
-    fit = floor.motion.fit(floor.look())
+    fit, _ = floor.motion.fit(floor.look())
     # What is open is not moved.
     moved = floor.model.rotation @ fit.way.translation
     assert moved[:2] == pytest.approx([0.0, 0.0], abs=0.001)

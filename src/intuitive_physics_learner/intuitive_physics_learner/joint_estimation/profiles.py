@@ -148,7 +148,7 @@ def _plausible_plateaus(
     """
     unit, sides, task = fit.unit, np.array([-1.0, 1.0]), fit.model.task
     room = np.stack([unit, 1.0 - unit], axis=1)
-    depended_on = task.influence[task.counted].any(axis=0)
+    depended_on = np.asarray(task.influence[task.counted].any(axis=0))
     left = (first[:, None] < room) & (inner < room) & depended_on[:, None]
     asked = np.asarray(left.any(axis=1))
     if not asked.any():

@@ -41,6 +41,10 @@ OUTLINE_PIXELS = 8192
 """Pixels of an outline in which circles are looked for; of a larger one every second or third row
 and column are taken: bounds the time."""
 
+LOST_EDGES = 1.5
+"""Radius of a ball's outline over that of its readings, where its edges were lost: about a pixel of
+three, in a frame of 240 pixels focal length at 2 m."""
+
 FEWEST_PIXELS = 2.5
 """Radius of a circle inside an outline in pixels at least: fewer readings make no sphere."""
 
@@ -56,8 +60,8 @@ def sphere_hypotheses(
     """Spheres to begin fits from, each with the part of a cluster that it is fitted to.
 
     Those that are expected come first, then one that moves during the exposure, those inside the
-    outline, where it is that of several objects that touch, the one that the outline suggests, and
-    those of known radius.
+    outline, where it is that of several objects that touch, the one that the outline suggests,
+    those of known radius, the one of the least algebraic error, and one with a larger outline.
 
     `is_searched`: whether for others than those that are expected, too; `may_move`: whether what
     moves during the exposure may be new in it.
@@ -79,6 +83,8 @@ def sphere_hypotheses(
     yield whole, Start(outline_sphere(whole.points))
     for sphere in spheres_of_radius(whole.points, fitter.known_radii):
         yield whole, Start(sphere)
+    yield whole, Start(algebraic_sphere(whole.points))
+    yield whole, Start(outline_sphere(whole.points, LOST_EDGES))
 
 
 def _swept(view: ClusterView, fitter: SphereFitter) -> Iterator[tuple[Part, Start]]:
@@ -95,10 +101,10 @@ def _swept(view: ClusterView, fitter: SphereFitter) -> Iterator[tuple[Part, Star
         yield fitter.part(view), Start(*suggested, longest / SPEED_SIGMAS)
 
 
-def outline_sphere(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def outline_sphere(points: NDArray[np.float64], larger: float = 1.0) -> NDArray[np.float64]:
     """Return (x, y, z, r) of the sphere whose outline and nearest point the cluster has.
 
-    `points` (n, 3) m, of the cluster.
+    `points` (n, 3) m, of the cluster; `larger`: by which factor its outline may be larger.
     """
     ranges = np.linalg.norm(points, axis=1)
     directions = points / ranges[:, None]
@@ -106,7 +112,7 @@ def outline_sphere(points: NDArray[np.float64]) -> NDArray[np.float64]:
     axis = 0.5 * (low + high)
     axis /= np.linalg.norm(axis)
     sines = np.linalg.norm(np.cross(directions, axis), axis=1)
-    sine = _quantile(sines, OUTLINE_QUANTILE)
+    sine = larger * _quantile(sines, OUTLINE_QUANTILE)
     return _sphere(axis, sine, _quantile(ranges, NEAREST_QUANTILE))
 
 
@@ -236,3 +242,18 @@ def spheres_of_radius(
     near = points[ranges <= _quantile(ranges, 0.2)].mean(axis=0)
     distance = float(np.linalg.norm(near))
     return [np.append(near * (1.0 + radius / distance), radius) for radius in radii]
+
+
+def algebraic_sphere(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (x, y, z, r), m, of the least Σ(|p - c|² - r²)², a linear problem (Coope 1993).
+
+    It needs no outline: of some readings, as behind an edge, it is what the surface says alone.
+    `points` (n, 3) m, of the cluster.
+    """
+    middle = points.mean(axis=0)
+    about = points - middle
+    design = np.column_stack([2.0 * about, np.ones(len(points))])
+    squares = np.square(about).sum(axis=1)
+    solution, *_ = np.linalg.lstsq(design, squares, rcond=None)
+    centre = solution[:3]
+    return np.append(middle + centre, np.sqrt(max(solution[3] + centre @ centre, 0.0)))

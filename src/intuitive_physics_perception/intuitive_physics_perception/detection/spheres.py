@@ -66,7 +66,7 @@ class ClusterSpheres:
     rest: float
 
 
-Candidate = tuple[DetectedSphere, Start]
+_Candidate = tuple[DetectedSphere, Start]
 """A sphere found in a cluster, and from where its fit began."""
 
 
@@ -195,7 +195,7 @@ class SphereFinder:
         is_searched: bool,
         may_move: bool,
     ) -> ClusterSpheres:
-        candidates: list[Candidate] = []
+        candidates: list[_Candidate] = []
         view, fewest = whole, self._settings.min_points
         while len(candidates) < SPHERES_IN_CLUSTER and len(view.cluster) >= fewest:
             candidate = self._best_sphere(
@@ -219,8 +219,8 @@ class SphereFinder:
         return ClusterSpheres(whole.cluster, spheres, float(rest))
 
     def _apart(
-        self, whole: ClusterView, candidates: list[Candidate], budget: FrameBudget
-    ) -> list[Candidate]:
+        self, whole: ClusterView, candidates: list[_Candidate], budget: FrameBudget
+    ) -> list[_Candidate]:
         """Fit each sphere of a cluster again without the readings of the others, which drew it
         to their side where they touch; leave out those that go on into what is no sphere, and all
         that may where there is no time to see it."""
@@ -261,7 +261,7 @@ class SphereFinder:
         *,
         is_searched: bool,
         may_move: bool,
-    ) -> Candidate | None:
+    ) -> _Candidate | None:
         tried = False
         for part, start in sphere_hypotheses(
             view, expected, self._fitter, is_searched=is_searched, may_move=may_move

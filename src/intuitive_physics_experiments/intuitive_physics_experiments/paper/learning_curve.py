@@ -28,11 +28,10 @@ from intuitive_physics_experiments.results import (
     markdown_table,
 )
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
-from intuitive_physics_learner.cost.parameter_influence import active_parameters
-from intuitive_physics_learner.cost.wrapped_costs import CachedCost
-from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria, ParameterSearch
-from intuitive_physics_learner.search.search_space import ActiveSpace
-from intuitive_physics_learner.search.update_rules import make_update_rule
+from intuitive_physics_learner.cost.parameter_influence import parameter_influence
+from intuitive_physics_learner.methods import make_search
+from intuitive_physics_learner.search.learning_task import LearningTask
+from intuitive_physics_learner.search.parameter_search import ConvergenceCriteria
 
 PAPER_ERROR, PAPER_DEVIATION = 0.911, 0.189  # m, mean test error and its σ (Sec. IV-D)
 
@@ -151,13 +150,14 @@ def _learn(
 ) -> tuple[StaticParameters, float]:
     observations = dataset.training_observations
     materials = observation_materials(observations)
-    start = StaticParameters.uniform(materials)
-    active = active_parameters(observations, materials)
-    space = ActiveSpace(ParameterSpace(materials), active, start)
+    task = LearningTask(
+        TrajectoryCost(observations, simulator, materials),
+        ParameterSpace(materials),
+        parameter_influence(observations, materials),
+        StaticParameters.uniform(materials),
+    )
     generator = np.random.default_rng(settings.seed + repetition)
-    rule = make_update_rule(settings.method, space.size, generator, space.to_unit(start))
-    cost = CachedCost(TrajectoryCost(observations, simulator, materials))
-    search = ParameterSearch(cost.costs, space, rule)
+    search = make_search(settings.method, task, generator)
     result = search.run(ConvergenceCriteria(max_iterations=settings.iterations))
     return result.parameters.extended(dataset.parameters.materials), result.seconds
 

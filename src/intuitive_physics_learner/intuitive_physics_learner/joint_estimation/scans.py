@@ -164,9 +164,7 @@ def tried_parameters(
     return np.take_along_axis(parameters, first, axis=1), np.take_along_axis(counts, first, axis=1)
 
 
-def compatible_moves(
-    gains: NDArray[np.float64], influence: NDArray[np.bool_], least_gain: float = SMALLEST_SCAN_GAIN
-) -> list[int]:
+def compatible_moves(gains: NDArray[np.float64], influence: NDArray[np.bool_]) -> list[int]:
     """Choose parameters by index, the most gainful first, no two of which share an observation.
 
     `gains` (n,) by which moving each alone lowers the loss, in the unit of the loss; `influence`
@@ -175,7 +173,7 @@ def compatible_moves(
     chosen: list[int] = []
     occupied = np.zeros(len(influence), dtype=bool)
     for parameter in np.argsort(-gains, kind="stable"):
-        if gains[parameter] < least_gain:
+        if gains[parameter] < SMALLEST_SCAN_GAIN:
             break
         if not (occupied & influence[:, parameter]).any():
             chosen.append(int(parameter))

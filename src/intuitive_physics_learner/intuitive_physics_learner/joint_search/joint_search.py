@@ -140,28 +140,35 @@ class JointSearch(Search):
 
     def step(self, limit: int) -> int:
         before = self.iterations
-        if self._lowering is not None:
-            self._lower(self._lowering, limit)
-        elif not self._staged.settled:
-            self._step_fits()
-            self._follow()
-            self._misfits = [*self._misfits, self.fit.misfits][-MISFIT_STEPS:]
-            enough = len(self._misfits) == MISFIT_STEPS or self._staged.settled
-            if enough and np.mean(self._misfits) > LARGEST_MISFIT_SHARE:
-                self._evaluate_present()
-                (cost,) = self._cost.costs([self._space.to_parameters(self._begin)])
-                if cost < self._lowest_cost:
-                    self._lowest, self._lowest_cost = self._begin, float(cost)
-                self._lowering = self._handed_over()
-                self._lower(self._lowering, limit)
-            if self.iterations == before:
-                # A step that simulates less than J does is one all the same.
-                self._record(self.best_cost)
+        if self._advance(limit) and self.iterations == before:
+            # What simulates less than J does is an evaluation all the same.
+            self._record(self.best_cost)
         return self.iterations - before
 
-    def _lower(self, lowering: ParameterSearch, limit: int) -> None:
-        lowering.step(limit)
+    def _advance(self, limit: int) -> bool:
+        """Take a step; return whether there was one to take."""
+        if self._lowering is not None:
+            return self._lower(self._lowering, limit)
+        if self._staged.settled:
+            return False
+        self._step_fits()
+        self._follow()
+        self._misfits = [*self._misfits, self.fit.misfits][-MISFIT_STEPS:]
+        enough = len(self._misfits) == MISFIT_STEPS or self._staged.settled
+        if enough and np.mean(self._misfits) > LARGEST_MISFIT_SHARE:
+            self._evaluate_present()
+            (cost,) = self._cost.costs([self._space.to_parameters(self._begin)])
+            if cost < self._lowest_cost:
+                self._lowest, self._lowest_cost = self._begin, float(cost)
+            self._lowering = self._handed_over()
+            self._lower(self._lowering, limit)
+        return True
+
+    def _lower(self, lowering: ParameterSearch, limit: int) -> bool:
+        """Evaluate J up to `limit` times; return whether anything was left to evaluate."""
+        evaluated = lowering.step(limit)
         self._count(lowering.best_cost)
+        return evaluated > 0
 
     def _handed_over(self) -> ParameterSearch:
         """Return the search that lowers J, from the point of the lowest J so far."""

@@ -123,12 +123,12 @@ class StagedFit(Resumable):
             fits = [part.fit for part in unfinished]
             mapped_in_shares(methodcaller("step"), fits, self._threads)
             self._take_over(self._separate.parts)
-        elif not self._segments.has_begun and self._goes_on_together(FIRST_TOGETHER_STEPS):
+        elif self._begins_together:
             self._step_together()
         elif self._fitting_segments():
             if self._segments.step(self._threads):
                 self._end_segments()
-        elif self._goes_on_together(TOGETHER_STEPS):
+        elif not self._together_ended:
             self._step_together()
         else:
             self.jointly.step()
@@ -195,10 +195,12 @@ class StagedFit(Resumable):
         counts = [part.members.size for part in self._parts]
         joint.misfits = float(np.average([p.fit.misfits for p in self._parts], weights=counts))
 
-    def _goes_on_together(self, most: int) -> bool:
-        """Whether the fit to observations of several objects takes up to `most` steps."""
+    @property
+    def _begins_together(self) -> bool:
+        """Whether the fit to observations of several objects takes its first steps."""
         taken = 0 if self._together is None else self._together.fit.steps
-        return not self._together_ended and taken < most
+        begins = not self._together_ended and taken < FIRST_TOGETHER_STEPS
+        return begins and not self._segments.has_begun
 
     def _step_together(self) -> None:
         if self._together is None:

@@ -80,11 +80,12 @@ def sphere_hypotheses(
             start = Start(sphere, must_end=True)
             yield fitter.part_near(view, start), start
     whole = fitter.part(view)
-    yield whole, Start(outline_sphere(whole.points))
+    axis, sine, nearest = _outline_of(whole.points)
+    yield whole, Start(_sphere(axis, sine, nearest))
     for sphere in spheres_of_radius(whole.points, fitter.known_radii):
         yield whole, Start(sphere)
     yield whole, Start(algebraic_sphere(whole.points))
-    yield whole, Start(outline_sphere(whole.points, LOST_EDGES))
+    yield whole, Start(_sphere(axis, LOST_EDGES * sine, nearest))
 
 
 def _swept(view: ClusterView, fitter: SphereFitter) -> Iterator[tuple[Part, Start]]:
@@ -101,19 +102,24 @@ def _swept(view: ClusterView, fitter: SphereFitter) -> Iterator[tuple[Part, Star
         yield fitter.part(view), Start(*suggested, longest / SPEED_SIGMAS)
 
 
-def outline_sphere(points: NDArray[np.float64], larger: float = 1.0) -> NDArray[np.float64]:
+def outline_sphere(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (x, y, z, r) of the sphere whose outline and nearest point the cluster has.
 
-    `points` (n, 3) m, of the cluster; `larger`: by which factor its outline may be larger.
+    `points` (n, 3) m, of the cluster.
     """
+    return _sphere(*_outline_of(points))
+
+
+def _outline_of(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]:
+    """Axis (3,) of the outline of points (n, 3) m, the sine of its half angle, and the nearest
+    range in m."""
     ranges = np.linalg.norm(points, axis=1)
     directions = points / ranges[:, None]
     low, high = directions.min(axis=0), directions.max(axis=0)
     axis = 0.5 * (low + high)
     axis /= np.linalg.norm(axis)
     sines = np.linalg.norm(np.cross(directions, axis), axis=1)
-    sine = larger * _quantile(sines, OUTLINE_QUANTILE)
-    return _sphere(axis, sine, _quantile(ranges, NEAREST_QUANTILE))
+    return axis, _quantile(sines, OUTLINE_QUANTILE), _quantile(ranges, NEAREST_QUANTILE)
 
 
 def scanned_motion(
@@ -247,7 +253,8 @@ def spheres_of_radius(
 def algebraic_sphere(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (x, y, z, r), m, of the least Σ(|p - c|² - r²)², a linear problem (Coope 1993).
 
-    It needs no outline: of some readings, as behind an edge, it is what the surface says alone.
+    It depends only on the shape of the surface, not on the outline.
+
     `points` (n, 3) m, of the cluster.
     """
     middle = points.mean(axis=0)

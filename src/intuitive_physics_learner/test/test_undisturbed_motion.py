@@ -10,8 +10,10 @@ from intuitive_physics.shapes import Box, Sphere
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import TrajectoryCost
-from intuitive_physics_learner.assessment.undisturbed_motion import undisturbed_misfits
+from intuitive_physics_learner.assessment import undisturbed_motion
+from intuitive_physics_learner.assessment.undisturbed_motion import MOTIONS, undisturbed_misfits
 from intuitive_physics_learner.joint_search.joint_search import JointSearch
+from intuitive_physics_learner.segmented_estimation.chaotic_states import followed
 
 from .cases import task_of
 
@@ -54,17 +56,42 @@ def thrown(simulator, shape, generator, kick_at=None):
     return Observation(FLOOR, (ObservedObject(thing, Trajectory(TIMES, seen), believed),), 0.0)
 
 
+def fitted(simulator, observed, steps):
+    search = JointSearch(
+        task_of(TrajectoryCost(observed, simulator, MATERIALS)), np.random.default_rng(0)
+    )
+    for _ in range(steps):
+        search.step(1000)
+    return search.fit
+
+
 @pytest.mark.parametrize("kick", [25, 60])
 @pytest.mark.parametrize("shape", [Sphere(0.1), Box((0.15, 0.2, 0.3))])
 def test_a_kick_in_motion_or_at_rest_is_no_undisturbed_motion(event_driven, shape, kick):
     generator = np.random.default_rng(3)
     observed = [thrown(event_driven, shape, generator, kick if k == 2 else None) for k in range(8)]
-    cost = TrajectoryCost(observed, event_driven, MATERIALS)
-    task = task_of(cost)
-    search = JointSearch(task, np.random.default_rng(0))
-    for _ in range(12):
-        search.step(1000)
-    misfits, times = undisturbed_misfits(search.fit, event_driven, np.random.default_rng(1))
+    fit = fitted(event_driven, observed, steps=12)
+    misfits, times = undisturbed_misfits(fit, event_driven, np.random.default_rng(1))
     others = np.nan_to_num(np.delete(misfits, 2))
     assert misfits[2] > 3.0 * max(others.max(), 1.5)
     assert TIMES[kick] - 0.4 < times[2] < TIMES[kick] + 0.4
+
+
+def test_no_look_is_begun_when_no_time_is_left(event_driven, monkeypatch):
+    """The time runs out with the first look of a kicked throw, which asks for a second one."""
+    observed = [thrown(event_driven, Sphere(0.1), np.random.default_rng(3), kick_at=25)]
+    fit = fitted(event_driven, observed, steps=6)
+    looks = []
+
+    def counted(simulator, worlds, times, count):
+        looks.append(count)
+        return followed(simulator, worlds, times, count)
+
+    monkeypatch.setattr(undisturbed_motion, "followed", counted)
+    generator = np.random.default_rng(1)
+    undisturbed_misfits(fit, event_driven, generator, lambda: 1.0 if len(looks) < 4 else 0.0)
+    assert looks == 4 * [MOTIONS[0]]
+    looks.clear()
+    misfits, _ = undisturbed_misfits(fit, event_driven, np.random.default_rng(1), lambda: 0.0)
+    assert not looks
+    assert np.isnan(misfits).all()

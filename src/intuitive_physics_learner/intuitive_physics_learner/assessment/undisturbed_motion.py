@@ -69,6 +69,8 @@ def undisturbed_misfits(
     groups = packed_in_groups(cost.observations, cost.materials)
     asked = np.ones(misfits.size, dtype=bool)
     for count in MOTIONS:
+        if seconds_left() <= 0.0:
+            break
         states = fit.state_draws(generator, count)
         shares = [
             (group, rows)
@@ -141,6 +143,8 @@ class _Motions:
 
     def follow(self, seconds_left: Callable[[], float]) -> None:
         """Follow them to the fit horizons as they are, and then in segments that begin by jumps."""
+        if seconds_left() <= 0.0:
+            return
         points = self._points
         every = np.arange(len(points.times))
         begun = points.begin

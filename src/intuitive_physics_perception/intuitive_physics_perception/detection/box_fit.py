@@ -51,6 +51,10 @@ FACE_CELLS = 6
 FACE_FILLED = 0.75
 """Part of these cells that must have readings, and of readings in them."""
 
+BEYOND_ENDS = 0.01
+"""Part of the readings of a face that may lie beyond each of its ends: flying pixels and edges that
+have grown. Set by hand."""
+
 STANDING_GAP = 0.04
 """Gap to a plane up to which a box stands on it, m."""
 
@@ -111,32 +115,20 @@ def _bounds(
     low, high = np.empty(3), np.empty(3)
     for axis in range(3):
         others = (faces.face >= 0) & (faces.face != axis)
-        low[axis], high[axis] = _ends(points[others] @ faces.rotation[:, axis])
+        low[axis], high[axis] = ends_of_row(points[others] @ faces.rotation[:, axis])
         if axis < len(faces.offsets):
             high[axis] = faces.offsets[axis]
     return low, high
 
 
-def _ends(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Ends of a row of readings: where their density falls to a half."""
-    rough = np.quantile(values, [0.02, 0.98])
-    width = max(float(rough[1] - rough[0]), 1e-6)
-    bins = int(np.clip(len(values) // 12, 8, 40))
-    edges = np.linspace(rough[0] - 0.15 * width, rough[1] + 0.15 * width, bins + 1)
-    counts = np.histogram(values, edges)[0]
-    half = 0.5 * float(np.median(counts[counts > 0.3 * counts.max()]))
-    full = np.flatnonzero(counts >= half)
-    first, last, step = int(full[0]), int(full[-1]), float(edges[1] - edges[0])
-    # The count in the next bin shows how far into it the row reaches.
-    before = counts[first - 1] if first > 0 else 0
-    after = counts[last + 1] if last + 1 < bins else 0
-    low = edges[first] - step * min(float(before) / (2.0 * half), 1.0)
-    high = edges[last + 1] + step * min(float(after) / (2.0 * half), 1.0)
-    if counts[first] < 2.0 * half and before == 0:
-        low = edges[first + 1] - step * float(counts[first]) / (2.0 * half)
-    if counts[last] < 2.0 * half and after == 0:
-        high = edges[last] + step * float(counts[last]) / (2.0 * half)
-    return float(low), float(high)
+def ends_of_row(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the ends of an even row of values (n,), all but a few of which lie in it.
+
+    The quantiles q and 1 - q of an even row are 1 - 2 q of its length apart.
+    """
+    low, high = np.quantile(values, [BEYOND_ENDS, 1.0 - BEYOND_ENDS])
+    beyond = BEYOND_ENDS / (1.0 - 2.0 * BEYOND_ENDS) * (high - low)
+    return float(low - beyond), float(high + beyond)
 
 
 def _is_filled(

@@ -70,9 +70,6 @@ MIN_DENSITY = 0.9
 """Part of the disc between readings on a partly visible sphere that must have readings: two scan
 lines of a LiDAR make at most 0.7, a sphere cut off by the image's edge makes 1."""
 
-SYSTEMATIC_ERROR = 0.0001
-"""Standard deviation of what biases centre and radius in every frame, m."""
-
 NOISE_READINGS = 10.0
 """Independent readings that the noise assumed counts as, against those on a sphere itself, when it
 is judged how much noise these have."""
@@ -238,6 +235,24 @@ class BegunFit:
     scale: float
 
 
+def rounding_covariance(sphere: NDArray[np.float64], pixel: float) -> NDArray[np.float64]:
+    """Return the covariance (4, 4) m² of centre and radius as an outline ends at whole pixels.
+
+    Each of the n = 2 π r / p pixels of its edge, p wide where the sphere is, is off by anything up
+    to half a pixel, p² / 12. A circle's radius has 1 / n of that, and moves the centre behind the
+    surface that is seen; its centre has 2 / n. A ball at rest is off alike in all frames.
+
+    `sphere` (4,) centre and radius, m; `pixel` in rad, the angle between neighbours.
+    """
+    distance = float(np.linalg.norm(sphere[:3]))
+    toward, width = sphere[:3] / distance, pixel * distance
+    variance = width**3 / (12.0 * np.pi * float(sphere[3]))
+    larger = np.append(toward, 1.0)
+    covariance = 0.5 * variance * np.outer(larger, larger)
+    covariance[:3, :3] += variance * (np.eye(3) - np.outer(toward, toward))
+    return covariance
+
+
 class SphereFitter:
     """Makes spheres of hypotheses.
 
@@ -364,7 +379,9 @@ class SphereFitter:
         if step is None:
             return None
         fit, scale = step
-        systematic = np.outer(fit.shift, fit.shift) + SYSTEMATIC_ERROR**2 * np.eye(4)
+        systematic = np.outer(fit.shift, fit.shift)
+        if view.is_organised:
+            systematic += rounding_covariance(fit.sphere, view.pixel)
         # The edges that a scanner's beam smears weigh too much where the others weigh less.
         doubt = 1.0 if view.is_organised else 1.0 + self._shared(part)
         doubt *= SWEPT_DOUBT if sweep.sweep.any() and view.scan is None else 1.0

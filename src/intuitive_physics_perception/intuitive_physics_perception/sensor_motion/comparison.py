@@ -52,7 +52,6 @@ class Comparison:
     ----------
     way : from the sensor's frame to that of the view
     states : (n,) what the frame shows of each
-    things : (n,) that each belongs to
     residuals : (n,) m along the normal, NaN where there is none
     variances : (n,) m² of the residuals
     information : (n_things + 1, 6, 6) 1/m², by thing
@@ -62,7 +61,6 @@ class Comparison:
 
     way: RigidTransform
     states: NDArray[np.uint8]
-    things: NDArray[np.int64]
     residuals: NDArray[np.float64]
     variances: NDArray[np.float64]
     information: NDArray[np.float64]
@@ -107,23 +105,6 @@ class Comparison:
         steps = np.linalg.solve(left + PRIOR * np.eye(6), pulls[:, :, None])[:, :, 0]
         values = (pulls * steps).sum(axis=1) / self.scale**2
         return float(values[0] if of_all else values.min())
-
-    def advantage(self, other: Comparison, *, of_all: bool = False) -> float:
-        """Return twice the logarithm of the likelihood over that of another pose, by what both show
-        of the same frame.
-
-        `of_all`: by all things; else without the one that speaks for it most.
-        """
-        costs, others = self._costs(), other._costs()
-        gains = np.nan_to_num(others - costs)
-        by_thing = np.bincount(self.things, gains, MOST_THINGS + 1)
-        return float(gains.sum() - (0.0 if of_all else max(by_thing[1:].max(), 0.0)))
-
-    def _costs(self) -> NDArray[np.float64]:
-        """Tukey's function (n,) of the residuals, twice -log likelihood up to a constant."""
-        scaled2 = np.square(self.residuals) / (self.variances * self.scale**2)
-        left = np.maximum(1.0 - scaled2 / TUKEY**2, 0.0)
-        return np.asarray(TUKEY**2 / 3.0 * (1.0 - left**3))
 
     def step(self) -> NDArray[np.float64]:
         """Return the Gauss–Newton step (6,) in m."""
@@ -176,9 +157,7 @@ def compare(
         information,
         pulls,
     )
-    return Comparison(
-        way, states, landmarks.things, residuals, variances, information, pulls, scale
-    )
+    return Comparison(way, states, residuals, variances, information, pulls, scale)
 
 
 def _noise_numbers(

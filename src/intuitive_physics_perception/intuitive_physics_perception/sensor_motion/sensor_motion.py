@@ -122,9 +122,6 @@ class SensorMotion:
         fit, doubt = self.fit(points)
         if doubt:
             return "" if self._is_back(points) else doubt
-        if fit.advantage(still, of_all=not at_home) < SIGNIFICANT:
-            self._guess = last
-            return ""
         self._guess = fit.way
         if is_same_view(fit.way, self._noise):
             self.way = RigidTransform()

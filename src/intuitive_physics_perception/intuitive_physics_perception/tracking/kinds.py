@@ -65,7 +65,7 @@ def as_part_of(track: Track, detection: Detection, doubted: float) -> Detection 
     if isinstance(detection, DetectedSphere) and track.attitude is not None:
         if _was_always_swept(track, way):
             return detection
-        if is_inside(detection.center, track.mean[POSITION], track.attitude):
+        if _is_inside(detection.center, track.mean[POSITION], track.attitude):
             return _end_on(detection, track.attitude)
     return None
 
@@ -82,7 +82,7 @@ def _long_since(track: Track) -> float:
 
 
 def _is_in(place: NDArray[np.float64], detection: Detection) -> bool:
-    return isinstance(detection, DetectedSolid) and is_inside(
+    return isinstance(detection, DetectedSolid) and _is_inside(
         place, detection.center, Attitude.of(detection, 0.0)
     )
 
@@ -145,8 +145,8 @@ def _swept(detection: Detection, axis: NDArray[np.float64]) -> DetectedSphere:
     )
 
 
-def is_inside(place: NDArray[np.float64], center: NDArray[np.float64], attitude: Attitude) -> bool:
-    """Return whether a place (3,) is in a capsule about `center` (3,) m; False of other shapes.
+def _is_inside(place: NDArray[np.float64], center: NDArray[np.float64], attitude: Attitude) -> bool:
+    """Whether a place (3,) is in a capsule about `center` (3,) m; False of other shapes.
 
     No other object has its centre there, as two share no space.
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +27,6 @@ from intuitive_physics_perception.tracking.kinds import (
     RADIUS_GATE,
     RADIUS_SLACK,
     as_part_of,
-    is_inside,
 )
 from intuitive_physics_perception.tracking.motion import (
     GATE,
@@ -278,7 +277,6 @@ class Tracker:
         for track in self._tracks:
             if track.camera == camera:
                 track.missed = track.last_seen < time
-        self._tracks = [track for track in self._tracks if not self._was_no_ball(track)]
         return [track for track in ended if track.confirmed]
 
     def _take(self, time: float, detections: Sequence[Detection], camera: str) -> None:
@@ -305,9 +303,6 @@ class Tracker:
             self._new_track(time, detection, camera)
             for n, detection in enumerate(detections)
             if n not in taken
-            and not (
-                kind_of(detection) == "sphere" and is_in_capsule(detection.center, self.tracks)
-            )
         ]
 
     def _see(self, track: Track, detection: Detection | None, camera: str) -> None:
@@ -481,14 +476,6 @@ class Tracker:
             return True
         return unseen > COAST_TIME
 
-    def _was_no_ball(self, track: Track) -> bool:
-        """Whether it was the end of a capsule whose side is sure: nothing is learned from it."""
-        return (
-            track.kind == "sphere"
-            and track.time - track.last_seen > lasting(CONFIRMING_HITS + 1)
-            and is_in_capsule(track.mean[POSITION], self.tracks)
-        )
-
     def _new_track(self, time: float, detection: Detection, camera: str) -> Track:
         track = self._filter.begin(self.next_number, time, detection)
         track.identity, track.camera, track.prior = self._identity, camera, self._prior
@@ -594,12 +581,4 @@ def take_radius(track: Track) -> None:
         PLACED,
         track.known_object.radius,
         KNOWN_RADIUS_DEVIATION,
-    )
-
-
-def is_in_capsule(place: NDArray[np.float64], tracks: Iterable[Track]) -> bool:
-    """Return whether a place (3,) is in one of the capsules that are followed."""
-    return any(
-        track.attitude is not None and is_inside(place, track.mean[POSITION], track.attitude)
-        for track in tracks
     )

@@ -6,10 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from intuitive_physics.scene import Environment, StaticBox
 from intuitive_physics.shapes import Box, Capsule
+from intuitive_physics_perception.detection.box_fit import BEYOND_ENDS, ends_of_row
 from intuitive_physics_perception.detection.foreground import ForegroundFinder
 from intuitive_physics_perception.detection.solids import SolidFinder
 from intuitive_physics_perception.environment.static_boxes import StaticBoxFilter
@@ -41,6 +44,15 @@ def face_error(solid, rotation):
     """Largest angle in degrees of the box's axes to the nearest of the true ones."""
     cosines = np.abs(solid.rotation.T @ rotation).max(axis=1)
     return np.degrees(np.arccos(np.clip(cosines, 0, 1))).max()
+
+
+@given(st.floats(-1.0, 1.0), st.floats(0.05, 0.5), st.integers(100, 500), st.floats(0.0, 1.0))
+def test_an_even_row_ends_where_it_does_whatever_few_stray_beyond(low, length, count, part) -> None:
+    row = low + length * (np.arange(count) + 0.5) / count
+    ends = low, low + length
+    assert ends_of_row(row) == pytest.approx(ends, abs=length / count)
+    strays = np.full(int(part * BEYOND_ENDS * count), low + 2.0 * length)
+    assert ends_of_row(np.append(row, strays)) == pytest.approx(ends, abs=0.03 * length)
 
 
 @pytest.mark.parametrize("seed", range(6))

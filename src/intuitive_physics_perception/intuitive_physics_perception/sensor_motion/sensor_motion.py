@@ -39,7 +39,9 @@ class SensorMotion:
     """Follows a sensor by the landmarks of the view from which its environment was modelled.
 
     It stays where it was last until a frame shows significantly that it has moved, so that a sensor
-    that stands does not jitter, and what moves in front of it does not move it.
+    that stands where the environment was modelled does not jitter, and what moves in front of it
+    does not move it. Elsewhere errors of the landmarks are significant too, and the pose of each
+    frame is its own, some 2 mm off.
 
     Parameters
     ----------

@@ -216,6 +216,16 @@ def test_a_ball_that_lies_still_comes_to_rest_even_where_nothing_is_modelled(rng
     assert {t.number for tracks in alive for t in tracks} == {1}
 
 
+def test_a_ball_at_the_top_of_a_throw_is_not_at_rest(rng) -> None:
+    # A line fitted to the points about the top has no slope.
+    times = np.arange(0, 1.0, STEP)
+    path = np.zeros((times.size, 3))
+    path[:, 2] = 0.1 + 4.9 * times - 0.5 * 9.81 * times**2
+    alive, _ = follow(Tracker(FLOOR, SETTINGS), rng, [path], times)
+    assert [len(tracks) for tracks in alive[5:]] == [1] * (times.size - 5)
+    assert not any(track.resting for tracks in alive for track in tracks)
+
+
 def test_a_resting_ball_that_is_hit_moves_again(rng) -> None:
     times = np.arange(0, 2.0, STEP)
     path = np.tile([0.0, 0.0, 0.05], (times.size, 1))

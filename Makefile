@@ -28,6 +28,10 @@ side_by_side = --maxprocesses=4 --dist=loadfile --no-loadscope-reorder
 # Tests of nodes wait most of the time.
 node_workers = $(shell echo $$(( $$(nproc) + 1 )))
 
+# One that waits in the middleware for ever, with Python's lock, its own time-out cannot end: after
+# 450 s its process ends, and another one goes on.
+no_hang = --max-worker-restart=2 -o faulthandler_timeout=450 -o faulthandler_exit_on_timeout=true
+
 python_packages = $(dir $(wildcard src/*/setup.py))
 node_tests = $(wildcard src/*/test/nodes)
 ros_packages = src/intuitive_physics_ros src/intuitive_physics_bringup
@@ -70,7 +74,7 @@ library-tests: setup ## Only test what knows nothing of ROS; only=needs for thos
 system-tests: setup ## Only test nodes, as processes that talk over DDS; only=needs as well
 	@echo "── system tests"
 	@failed=0; \
-	$(run_environment) $(pytest) --numprocesses=$(node_workers) $(side_by_side) $(addsuffix /test,$(ros_packages)) $(node_tests) test \
+	$(run_environment) $(pytest) --numprocesses=$(node_workers) $(side_by_side) $(no_hang) $(addsuffix /test,$(ros_packages)) $(node_tests) test \
 		-m "$(if $(only),$(only) and )not long" $(options) || failed=1; \
 	$(run_environment) $(pytest) test -m "$(if $(only),$(only) and )long" $(options) || failed=1; \
 	exit $$failed

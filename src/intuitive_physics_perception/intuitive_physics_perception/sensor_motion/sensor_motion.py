@@ -112,11 +112,10 @@ class SensorMotion:
     def _follow(self, points: NDArray[np.float32]) -> str:
         """Find where the sensor is; return why that is not possible, empty where it is."""
         self._is_covered = False
-        last, at_home = self.way, self.is_at_home
-        still = compare(points, self._landmarks, last, self._noise, self._scale)
+        still = compare(points, self._landmarks, self.way, self._noise, self._scale)
         # What moves by itself counts only while the sensor moves.
-        if not self._has_moved(points, still, of_all=not at_home):
-            self._guess = last
+        if not self._has_moved(points, still, of_all=not self.is_at_home):
+            self._guess = self.way
             return ""
         self._is_covered = still.hidden > MOST_HIDDEN
         if self._is_covered:

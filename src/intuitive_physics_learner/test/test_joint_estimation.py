@@ -20,13 +20,14 @@ from intuitive_physics_learner.joint_estimation.observation_blocks import (
     InitialStateDeviations,
     InitialStates,
 )
-from intuitive_physics_learner.joint_search import JointSearch
+from intuitive_physics_learner.joint_estimation.several_starts import durations
+from intuitive_physics_learner.joint_search import JointSearch, staged_fit
 from intuitive_physics_learner.joint_search.identifiability import (
     balanced_half,
     identifiability_by_fit,
 )
 from intuitive_physics_learner.joint_search.joint_search import EVALUATED_SHARE
-from intuitive_physics_learner.joint_search.staged_fit import StagedFit
+from intuitive_physics_learner.joint_search.staged_fit import EXPLAINED_SHARE, StagedFit
 from intuitive_physics_learner.methods import JOINT_METHOD
 
 from .cases import MATERIALS, task_of
@@ -228,21 +229,43 @@ class CountingCost(TrajectoryCost):
         return super().trial_residuals(trials)
 
 
-def test_judges_in_little_time_where_little_is_left(event_driven, throws):
+def test_slopes_are_believed_where_motions_are_explained_to_their_ends(event_driven, throws):
+    """No half is fitted there, so that nothing is left to be done in haste."""
+    cost = CountingCost(throws(8, 5, NOISE, STATE_NOISE), event_driven)
+    task = task_of(cost)
+    fit = StagedFit(task.fit_task)
+    fit.step()
+    assert fit.doubted.any() and fit.repeated_simulations > 0.0
+    while fit.doubted.any():
+        fit.step()
+    assert fit.repeated_simulations == 0.0
+    ends = durations(fit.joint)
+    horizons = [each.horizon for each in fit.joint.observation_fits()]
+    assert np.minimum(horizons, ends).sum() >= EXPLAINED_SHARE * ends.sum()
+    at_leisure, many = judged(fit, task, lambda: np.inf)
+    in_haste, few = judged(fit, task, lambda: -1.0)
+    assert few == many
+    np.testing.assert_array_equal(in_haste.standard_deviations, at_leisure.standard_deviations)
+
+
+def judged(fit, task, seconds_left):
+    """What is stated of a fit, and by how many trials."""
+    before = task.cost.trials
+    fit.jointly.choose()
+    stated = identifiability_by_fit(fit, task, seconds_left)
+    return stated, task.cost.trials - before
+
+
+def test_judges_in_little_time_where_little_is_left(event_driven, throws, monkeypatch):
+    monkeypatch.setattr(staged_fit, "EXPLAINED_SHARE", 2.0)
     cost = CountingCost(throws(8, 5, NOISE, STATE_NOISE), event_driven)
     task = task_of(cost)
     fit = StagedFit(task.fit_task)
     for _ in range(12):
         fit.step()
-
-    def judged(seconds_left):
-        before = cost.trials
-        fit.jointly.choose()
-        stated = identifiability_by_fit(fit, task, seconds_left)
-        return stated, cost.trials - before
-
-    at_leisure, many = judged(lambda: np.inf)
-    in_haste, few = judged(lambda: -1.0)
+    assert fit.doubted.all()
+    at_leisure, many = judged(fit, task, lambda: np.inf)
+    in_haste, few = judged(fit, task, lambda: -1.0)
     assert few < 0.6 * many
     # What was not looked at again is not told more surely for it.
     sure = in_haste.identified

@@ -2,8 +2,8 @@
 
 To what slopes at an estimate say is added by what fits from other starts differ that explain the
 observations as well (`several_starts`). But all fits to the same observations have errors in
-common, so half of the observations is fitted as well, from where the best fit began
-(`agreed_deviations`). What lies beyond a kink is found by the profile of the loss (`profiles`);
+common, so where motions are not explained to their ends, half of the observations is fitted as
+well, from where the best fit began (`agreed_deviations`). What lies beyond a kink is found by the profile of the loss (`profiles`);
 within an interval that is one-sided the half cannot disagree, nor need it be bound by slopes.
 
 A search that lowers J takes initial states as they were seen, and ends elsewhere than a fit, the
@@ -208,10 +208,11 @@ def _agreed(
 ) -> NDArray[np.float64]:
     """Fit half of the observations, and return the deviations (n,) with which it agrees.
 
-    Of those that are known beforehand the half knows as much.
+    Those of parameters that are not doubted stay. Of observations that are known beforehand the
+    half knows as much.
     """
-    counted = np.flatnonzero(staged.task.counted)
-    if counted.size < FEWEST_OBSERVATIONS:
+    counted, doubted = np.flatnonzero(staged.task.counted), staged.doubted
+    if counted.size < FEWEST_OBSERVATIONS or not doubted.any():
         return deviations
     members = counted[balanced_half(staged.task.influence[counted])]
     half = StagedFit(staged.task.of(members), staged.jointly.starts[:1])
@@ -221,7 +222,8 @@ def _agreed(
         half.step()
     said = curvature_posterior(half.joint)
     families = _families(task.searched.names)
-    return agreed_deviations(staged.joint.unit, deviations, said, families, free)
+    agreed = agreed_deviations(staged.joint.unit, deviations, said, families, free)
+    return np.where(doubted, agreed, deviations)
 
 
 def _changes_cost(task: LearningTask, unit: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -38,12 +39,12 @@ class RecentFrame:
     ----------
     frame : of one sensor
     clusters : of what is new in it
-    shown : numbers of the tracks that were seen in it
+    shown : when, s, the tracks that were seen in it were read, by their numbers
     """
 
     frame: Frame
     clusters: Clusters
-    shown: frozenset[int] = frozenset()
+    shown: Mapping[int, float] = field(default_factory=dict)
 
 
 class Hindsight:
@@ -85,20 +86,18 @@ class Hindsight:
             number: until for number, until in self._searched_until.items() if number in searched
         }
 
-    def before(self, time: float, number: int) -> RecentFrame | None:
-        """Return the newest frame before a time, s, in which a track was not seen, None where none
-        is kept.
-
-        `number`: of the track.
-        """
+    def before(self, time: float, track: Track, tracker: Tracker) -> RecentFrame | None:
+        """Return the newest frame before a time, s, in which a track was not seen where it must
+        have been, None where none is kept."""
         for recent in reversed(self._recent):
-            if recent.frame.time < time and number not in recent.shown:
+            seen_at = recent.shown.get(track.number)
+            if recent.frame.time < time and not tracker.was_there(track, seen_at):
                 return recent
         return None
 
     def _search_next(self, track: Track, tracker: Tracker, stages: Stages) -> bool:
         """Search the next older frame for a track; False where it can be expected in none."""
-        recent = self.before(self._searched_until.get(track.number, np.inf), track.number)
+        recent = self.before(self._searched_until.get(track.number, np.inf), track, tracker)
         if recent is None or track.earlier is None:
             return False
         frame, model = recent.frame, stages.model
@@ -114,7 +113,8 @@ class Hindsight:
             placed = detected.moved(model.rotation, model.translation)
             detection = replace(placed, delay=_delay_of(frame, detected))
             if tracker.is_same(track, detection, expected):
-                track.earlier.append((frame.time + detection.delay, detection))
+                found = frame.time + detection.delay, detection
+                tracker.add_earlier(track, *found, recent.shown.get(track.number))
         return True
 
 
@@ -123,8 +123,8 @@ def _expected_in(
 ) -> tuple[float, ExpectedBefore | None]:
     """When, s, a frame must have shown a track, and where it was expected then: a sensor reads each
     place at a time of its own."""
-    later = [seen.center for when, seen in track.detections if when > frame.time]
-    place = later[0] if later else track.mean[POSITION]
+    later = track.seen_after(frame.time)
+    place = later[0][1].center if later else track.mean[POSITION]
     time, expected = frame.time + frame.delay_towards(model.to_sensor(place)), None
     for _ in range(READING_STEPS if frame.offsets is not None else 1):
         expected = tracker.expected_before(track, time)

@@ -315,10 +315,10 @@ class FreeMotion:
         """Flight; and rolling, of a solid sliding, where it touches surfaces, with the first that
         carries it."""
         noise = float(np.sqrt(np.trace(self._record.covariance_at(start))))
-        touched = surfaces_of(self._environment).supporting(
-            self._record.positions[start],
-            _height(self._record, start, self._environment),
-            TOUCH_SIGMAS * noise + TOUCH_SLACK,
+        height = _height(self._record, start, self._environment)
+        # A place that is less sure than the object is high says nothing of what it touches.
+        touched = noise < height and surfaces_of(self._environment).supporting(
+            self._record.positions[start], height, TOUCH_SIGMAS * noise + TOUCH_SLACK
         )
         candidates: list[tuple[Plane | None, NDArray[np.float64]]] = [
             (None, self._environment.gravity)

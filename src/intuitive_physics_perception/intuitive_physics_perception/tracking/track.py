@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import takewhile
+from itertools import islice, takewhile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +114,9 @@ class Track:
     seen_time : s for which it was seen, at most `FRAME_TIME` for each detection
     steps : all frames since it was first seen
     earlier : detections in frames in which it was not seen at first, with their times (s), as long
-        as they are looked for; None from then on
+        as they are looked for; None else
+    jumped : s, when it was last seen farther from where it was expected than noise explains, until
+        it is looked for in the frames before that; None else
     identity : the object that it is, where that is known from elsewhere
     surface : what its surface has shown of its spin since its last contact; None while nothing
     camera : name of the one whose frame showed it last
@@ -139,6 +141,7 @@ class Track:
     color: NDArray[np.float64] | None = None
     steps: deque[FilterStep] = field(default_factory=lambda: deque(maxlen=MAX_STEPS))
     earlier: list[tuple[float, Detection]] | None = field(default_factory=list)
+    jumped: float | None = None
     identity: SceneObject | None = None
     surface: SurfaceSpin | None = None
     camera: str = ""
@@ -202,6 +205,11 @@ class Track:
         found = [*(self.earlier or []), *detections_of(self.steps)]
         return sorted(found, key=lambda detection: detection[0])
 
+    def seen_after(self, time: float) -> list[tuple[float, Detection]]:
+        """Return the detections later than a time (s), with theirs, oldest first."""
+        earlier = [pair for pair in self.earlier or [] if pair[0] > time]
+        return sorted([*earlier, *detections_of(self.after(time))], key=lambda pair: pair[0])
+
     def recent(self, duration: float) -> list[FilterStep]:
         """Steps of the last `duration` s, oldest first."""
         return self.since(self.time - duration)
@@ -209,6 +217,12 @@ class Track:
     def after(self, time: float) -> list[FilterStep]:
         """Steps later than a time (s), oldest first."""
         return list(takewhile(lambda step: step.time > time, reversed(self.steps)))[::-1]
+
+    def forget_until(self, time: float) -> None:
+        """Drop all that was seen up to a time, s: it was another object."""
+        self.steps = deque(self.after(time), maxlen=MAX_STEPS)
+        self.earlier = [pair for pair in self.earlier or [] if pair[0] > time]
+        self.moving_since = max(self.moving_since, self.steps[0].time)
 
     def step_at(self, time: float) -> FilterStep | None:
         """Step of a time (s), None where there is none."""
@@ -338,27 +352,14 @@ class TrackFilter:
         follows = all(step.prediction.transition[carried, carried].any() for step in since)
         if not follows or len(since) == len(track.steps):
             return None
-        steps = track.steps.copy()
-        for _ in since:
-            steps.pop()
-        step = steps[-1]
-        last_seen = next((s.time for s in reversed(steps) if s.detection is not None), step.time)
-        seen = [last_seen, *(s.time for s in since if s.detection is not None)]
-        earlier = replace(
-            track,
-            time=step.time,
-            mean=step.mean,
-            covariance=step.covariance,
-            prediction=step.prediction,
-            attitude=step.attitude,
-            last_seen=last_seen,
-            seen_time=track.seen_time - float(np.minimum(np.diff(seen), FRAME_TIME).sum()),
-            steps=steps,
-            # Its contacts have been noticed already.
-            surface=None,
-        )
-        self.predict(earlier, max(time, step.time + INSTANT))
+        earlier = _after_steps(track, len(track.steps) - len(since))
+        self.predict(earlier, max(time, earlier.time + INSTANT))
         return earlier
+
+    def before(self, track: Track, time: float) -> Track | None:
+        """Return a track as it was after its last step before a time, s; None where it has none."""
+        count = sum(step.time < time for step in track.steps)
+        return replace(_after_steps(track, count), resting=False) if count else None
 
     def moved_back(self, track: Track, time: float) -> Track:
         """Return a track where it must have been at an earlier time, in s, if it moved straight."""
@@ -396,6 +397,7 @@ class TrackFilter:
         innovation, spread = innovation_of(track, detection)
         track.systematic = detection.systematic
         if innovation @ np.linalg.solve(spread, innovation) >= GATE:
+            track.jumped = track.time
             self._forget_velocity(track, innovation)
             innovation, _ = innovation_of(track, detection)
         noise = frame_covariance(detection)
@@ -437,6 +439,27 @@ class TrackFilter:
         track.prediction = replace(track.prediction, covariance=wider)
         if track.surface is not None:
             track.surface.forget()
+
+
+def _after_steps(track: Track, count: int) -> Track:
+    """A track as it was after the first of its steps, one at least."""
+    steps = deque(islice(track.steps, count), maxlen=MAX_STEPS)
+    since, step = list(islice(track.steps, count, None)), steps[-1]
+    last_seen = next((s.time for s in reversed(steps) if s.detection is not None), step.time)
+    seen = [last_seen, *(s.time for s in since if s.detection is not None)]
+    return replace(
+        track,
+        time=step.time,
+        mean=step.mean,
+        covariance=step.covariance,
+        prediction=step.prediction,
+        attitude=step.attitude,
+        last_seen=last_seen,
+        seen_time=track.seen_time - float(np.minimum(np.diff(seen), FRAME_TIME).sum()),
+        steps=steps,
+        # Its contacts have been noticed already.
+        surface=None,
+    )
 
 
 def detections_of(steps: Iterable[FilterStep]) -> list[tuple[float, Detection]]:

@@ -28,6 +28,7 @@ from intuitive_physics_perception.tracking.kinds import (
     RADIUS_SLACK,
     as_part_of,
 )
+from intuitive_physics_perception.tracking.looking_back import earlier_place
 from intuitive_physics_perception.tracking.motion import (
     GATE,
     PLACED,
@@ -36,7 +37,7 @@ from intuitive_physics_perception.tracking.motion import (
     VELOCITY,
     lasting,
 )
-from intuitive_physics_perception.tracking.motion_fits import HAND_ACCELERATION, fitted_motion
+from intuitive_physics_perception.tracking.motion_fits import fitted_motion
 from intuitive_physics_perception.tracking.size_classes import SizeClasses
 from intuitive_physics_perception.tracking.supports import surfaces_of
 from intuitive_physics_perception.tracking.track import (
@@ -89,10 +90,6 @@ was expected there: as for a contact."""
 LARGEST_BEND = 0.6
 """Standard deviation, in radii, of the place of a ball in an earlier frame up to which it is looked
 for. Set by hand: at 30 Hz the next frame of a ball of 20 mm, at 90 Hz four frames."""
-
-SHORTEST_BASE = 0.002
-"""Time, s, that two places must be apart to show a velocity: several sensors may see a ball at one
-time. Set by hand: of one camera, frames are farther apart up to 500 Hz."""
 
 RECOGNITION_PATIENCE = 4
 """Multiple of `CONFIRMING_HITS` after which a track is confirmed though its radius does not yet
@@ -193,27 +190,16 @@ class Tracker:
         """Return where a sphere must have been in a frame in which it was not seen, so that it can
         be looked for; None where it could have been anywhere.
 
-        It lies on the straight line through its next two places, but for what an acceleration
-        makes that a hand or gravity may give: a (t₁ - t) (t₂ - t) / 2.
-
         `time` in s.
         """
-        later = [(when, seen) for when, seen in track.detections if when > time]
-        apart = [pair for pair in later if pair[0] - later[0][0] > SHORTEST_BASE]
-        if not apart or track.kind != "sphere":
+        later = track.seen_after(time)
+        if track.kind != "sphere" or not later:
             return None
-        (first, at_first), (second, at_second) = later[0], apart[0]
-        velocity = (at_second.center - at_first.center) / (second - first)
-        part = (time - first) / (second - first)
-        bent = 0.5 * HAND_ACCELERATION * (first - time) * (second - time)
-        radius = float(track.mean[RADIUS])
-        if bent > LARGEST_BEND * radius:
+        before = earlier_place(later, time, self._environment.gravity)
+        if before is None or before.bend > LARGEST_BEND * float(track.mean[RADIUS]):
             return None
-        spread = (1.0 - part) ** 2 * frame_covariance(at_first)[:3, :3]
-        spread = spread + part**2 * frame_covariance(at_second)[:3, :3] + bent**2 * np.eye(3)
-        place = at_first.center + (time - first) * velocity
-        start = self._expected(track, place, velocity, self._settings.exposure)
-        return ExpectedBefore(start, spread)
+        start = self._expected(track, before.place, before.velocity, self._settings.exposure)
+        return ExpectedBefore(start, before.spread)
 
     def is_same(self, track: Track, detection: Detection, expected: ExpectedBefore) -> bool:
         """Return whether what was found in an earlier frame is the sphere expected there."""
@@ -222,6 +208,37 @@ class Tracker:
         deviation = np.sqrt(frame_covariance(detection)[3, 3] + track.covariance[RADIUS, RADIUS])
         same_size = abs(detection.radius - track.mean[RADIUS]) < RADIUS_GATE * deviation
         return bool(same_size and off @ np.linalg.solve(spread, off) < HINDSIGHT_GATE)
+
+    def was_there(self, track: Track, time: float | None) -> bool:
+        """Return whether a track was seen at a time and, as far as later detections determine that,
+        where it must have been.
+
+        `time` in s; None: it was not seen.
+        """
+        seen = None if time is None else track.step_at(time)
+        if time is None or seen is None or seen.detection is None:
+            return False
+        expected = self.expected_before(track, time)
+        return expected is None or self.is_same(track, seen.detection, expected)
+
+    def add_earlier(
+        self, track: Track, time: float, found: Detection, seen_at: float | None
+    ) -> None:
+        """Take what was found of a track in an earlier frame, at a time, s.
+
+        Nothing is at two places: where it was seen elsewhere in that frame, it was another object
+        until then, and all of that is dropped.
+
+        `seen_at`: when, s, it was seen in that frame; None where it was not.
+        """
+        if track.earlier is None:
+            return
+        seen = None if seen_at is None else track.step_at(seen_at)
+        if seen is not None and seen.detection is not None:
+            if np.linalg.norm(seen.detection.center - found.center) < found.radius:
+                return
+            track.forget_until(seen.time)
+        track.earlier.append((time, found))
 
     def _expected(
         self,
@@ -318,6 +335,7 @@ class Tracker:
             settle(track, self._settings, detection)
             self._classify(track)
             track.camera = camera
+            _look_back_at_jump(track)
         track.close_step(detection)
 
     def _at(self, track: Track, time: float) -> Track:
@@ -365,9 +383,9 @@ class Tracker:
         return max(times, default=None)
 
     @property
-    def shown(self) -> frozenset[int]:
-        """Numbers of the tracks that the last frame showed."""
-        return frozenset(track.number for track, _ in self._taken.values())
+    def shown(self) -> dict[int, float]:
+        """When, s, the tracks that the last frame showed were read, by their numbers."""
+        return {track.number: time for track, time in self._taken.values()}
 
     def objects_among(self, detections: Sequence[Detection]) -> list[int]:
         """Return which detections of the last frame are of objects: those of tracks that are, and
@@ -380,22 +398,30 @@ class Tracker:
         ]
 
     def take_earlier(self, track: Track) -> None:
-        """Filter a track again from its earliest detection and end the search for earlier ones.
+        """Filter a track again from the earliest of what was found of it, and end the search for
+        earlier ones.
 
         `track`: with at most as many steps as it keeps.
         """
-        detections, since = track.detections, track.steps[0].time
         if track.earlier:
-            fresh = self._filter.begin(track.number, *detections[0])
-            fresh.close_step(detections[0][1])
+            detections, since = track.detections, track.steps[0].time
+            first = min(time for time, _ in track.earlier)
+            fresh = self._filter.before(track, first)
+            if fresh is None:
+                fresh = self._filter.begin(track.number, *detections[0])
+                fresh.close_step(detections[0][1])
+            begun = fresh.steps[-1].time
             by_time = dict(detections)
             times = sorted({*by_time, *(step.time for step in track.steps)})
-            self._filter.go_on(fresh, [(time, by_time.get(time)) for time in times[1:]])
+            self._filter.go_on(fresh, [(time, by_time.get(time)) for time in times if time > begun])
             settle(fresh, self._settings)
+            if fresh.covariance[RADIUS, RADIUS] > KNOWN_RADIUS_DEVIATION**2:
+                # It was recognised since then.
+                take_radius(fresh)
             track.mean, track.covariance = fresh.mean, fresh.covariance
             track.prediction, track.steps = fresh.prediction, fresh.steps
             if track.moving_since == since:
-                track.moving_since = fresh.moving_since
+                track.moving_since = fresh.steps[0].time
         track.earlier = None
 
     def _matches(
@@ -568,6 +594,15 @@ def _recognise(track: Track, settings: PerceptionSettings) -> None:
         return
     track.known_object = known_object
     take_radius(track)
+
+
+def _look_back_at_jump(track: Track) -> None:
+    """Search earlier frames for a track again once its motion since a jump is known: the object may
+    have been elsewhere before."""
+    if track.earlier is not None or track.jumped is None:
+        return
+    if track.time - track.jumped >= lasting(CONFIRMING_HITS):
+        track.earlier, track.jumped = [], None
 
 
 def take_radius(track: Track) -> None:

@@ -140,3 +140,16 @@ def test_an_observation_is_closed_when_time_is_out(rng, bounce) -> None:
 def test_a_ball_on_a_chair_has_states_but_no_observation(rng) -> None:
     times = np.arange(0, 3.0, STEP)
     assert run(rng, [np.tile([0.3, 0.2, 0.5], (times.size, 1))], times) == []
+
+
+@pytest.mark.parametrize("deviation", [0.1, 0.2])
+def test_what_may_be_anywhere_touches_nothing(rng, deviation) -> None:
+    """A part of an arm a hand's breadth over the floor, of which one frame shows only that it is
+    somewhere along the arm, moves uniformly; that is no rolling."""
+    times = STEP * np.arange(4)
+    path = [0.0, 0.0, 0.25] + np.outer(times, [0.3, 1.0, 0.0])
+    noise = np.tile(NOISE**2 * np.eye(3), (len(path), 1, 1))
+    noise[0] = np.diag([NOISE**2, NOISE**2, deviation**2])
+    held = seen_record(rng, times, path, noise)
+    held.positions[0] = path[0]
+    assert FreeMotion(held, FLOOR).stretch_at(0.1) is None

@@ -235,7 +235,8 @@ def test_slopes_are_believed_where_motions_are_explained_to_their_ends(event_dri
     task = task_of(cost)
     fit = StagedFit(task.fit_task)
     fit.step()
-    assert fit.doubted.any() and fit.repeated_simulations > 0.0
+    assert fit.doubted.any()
+    assert fit.repeated_simulations > 0.0
     while fit.doubted.any():
         fit.step()
     assert fit.repeated_simulations == 0.0

@@ -3,8 +3,9 @@
 To what slopes at an estimate say is added by what fits from other starts differ that explain the
 observations as well (`several_starts`). But all fits to the same observations have errors in
 common, so where motions are not explained to their ends, half of the observations is fitted as
-well, from where the best fit began (`agreed_deviations`). What lies beyond a kink is found by the profile of the loss (`profiles`);
-within an interval that is one-sided the half cannot disagree, nor need it be bound by slopes.
+well, from where the best fit began (`agreed_deviations`). What lies beyond a kink is found by the
+profile of the loss (`profiles`); within an interval that is one-sided the half cannot disagree, nor
+need it be bound by slopes.
 
 A search that lowers J takes initial states as they were seen, and ends elsewhere than a fit, the
 farther the worse these are and the more of the motion the simulation lacks. So after one a fit

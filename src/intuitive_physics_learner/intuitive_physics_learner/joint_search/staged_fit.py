@@ -40,11 +40,6 @@ FIRST_TOGETHER_STEPS = 4
 little time, and where it ends in the segments, states of these observations are fitted, as their
 profiles need; set by hand."""
 
-EXPLAINED_SHARE = 0.95
-"""Share of the motions that depend on a parameter, by their time, from which on they are explained
-to their ends: then slopes are true (`docs/method/joint_estimation.md`). From 0.95 to 0.999 balls
-are, and capsules are not; set by hand."""
-
 
 class StagedFit(Resumable):
     """Fits objects that moved alone, each by itself, and then all observations jointly.
@@ -104,16 +99,14 @@ class StagedFit(Resumable):
 
     @property
     def doubted(self) -> NDArray[np.bool_]:
-        """Parameters (n,) on which motions depend that are not explained to their ends.
+        """Parameters (n,) on which a motion depends that is not explained to its end.
 
         Those fitted in segments do not count. What explains all of a motion is no wrong optimum,
         and motion that can be followed so far is not chaotic.
         """
-        influence = self.task.influence[self.task.counted]
-        ends = durations(self.joint)[self.task.counted]
         horizons = np.array([each.horizon for each in self.joint.observation_fits()])
-        explained = np.minimum(horizons[self.task.counted], ends) @ influence
-        return np.asarray(explained < EXPLAINED_SHARE * (ends @ influence))
+        ends_early = self.task.counted & (horizons < durations(self.joint))
+        return np.asarray(self.task.influence[ends_early].any(axis=0))
 
     @property
     def repeated_simulations(self) -> float:

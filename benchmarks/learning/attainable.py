@@ -160,7 +160,7 @@ def _fitted_at(learning: LearningTask, truth: NDArray[np.float64]) -> list[float
     fit = JointFit(replace(task, prior=prior), JointEstimationSettings(scan_steps=()))
     while not fit.settled and fit.steps < MOST_STEPS:
         fit.step()
-    return [each.horizon for each in fit.observation_fits()]
+    return fit.horizons.tolist()
 
 
 def _draws(

@@ -240,9 +240,7 @@ def test_slopes_are_believed_where_motions_are_explained_to_their_ends(event_dri
     while fit.doubted.any():
         fit.step()
     assert fit.repeated_simulations == 0.0
-    ends = durations(fit.joint)
-    horizons = [each.horizon for each in fit.joint.observation_fits()]
-    assert (horizons >= ends).all()
+    assert (fit.joint.horizons >= durations(fit.joint)).all()
     at_leisure, many = judged(fit, task, lambda: np.inf)
     in_haste, few = judged(fit, task, lambda: -1.0)
     assert few == many

@@ -489,7 +489,7 @@ def test_window_is_learned_again_after_a_search(store, glide, gliding, searched,
     generator = np.random.default_rng(9)
     first = [gliding(generator, 0.8) for _ in range(searched)]
     store.add_all(first)
-    learn_from_store(store, glide, LearningOptions())
+    known = restitution(learn_from_store(store, glide, LearningOptions()).learned)[1]
     if met > 1:
         store.include([entry.id for entry in store.entries(statuses=[DOUBTFUL])])
     store.add(gliding(generator, 0.8))
@@ -499,8 +499,9 @@ def test_window_is_learned_again_after_a_search(store, glide, gliding, searched,
     value, deviation = restitution(store.newest_parameters())
     assert value == pytest.approx(0.8, abs=0.01)
     searched_again = learn_from_store(store, glide, LearningOptions()).learned
-    # Two standard deviations that are estimated from n observations differ by 1 / √(2 n) of them.
-    assert deviation < (1.0 + (2.0 * (searched + 1)) ** -0.5) * restitution(searched_again)[1]
+    # Information adds: what n observations say is σ, and one more makes it σ √(n / (n + 1)).
+    added = known * np.sqrt(searched / (searched + 1))
+    assert deviation < 1.1 * max(restitution(searched_again)[1], added)
 
 
 @pytest.mark.parametrize("doubtful", [0, 2])

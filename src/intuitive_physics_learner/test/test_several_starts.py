@@ -152,9 +152,7 @@ def stated(monkeypatch):
         return fit.evidences, 0.0
 
     monkeypatch.setattr(several_starts, "log_evidences", stated_evidences)
-    return lambda *evidences: SimpleNamespace(
-        evidences=np.array(evidences), observation_fits=lambda: [SimpleNamespace(horizon=1.0)]
-    )
+    return lambda *evidences: SimpleNamespace(evidences=np.array(evidences), horizons=np.ones(1))
 
 
 def test_no_single_observation_decides_between_two_fits(stated):
@@ -184,7 +182,7 @@ def test_no_fit_has_the_advantage_of_its_own_horizon(stated, monkeypatch):
 
 @given(st.lists(st.lists(st.floats(-1e4, 1e2), min_size=3, max_size=3), min_size=2, max_size=5))
 def test_votes_are_bounded_and_the_difference_of_two_is_clipped(drawn):
-    made = [SimpleNamespace(observation_fits=lambda: [SimpleNamespace(horizon=1.0)]) for _ in drawn]
+    made = [SimpleNamespace(horizons=np.ones(1)) for _ in drawn]
     for fit, evidences in zip(made, drawn, strict=True):
         fit.evidences = np.array(evidences)
     with pytest.MonkeyPatch.context() as patch:

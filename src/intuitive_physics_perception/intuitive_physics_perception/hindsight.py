@@ -90,8 +90,10 @@ class Hindsight:
         """Return the newest frame before a time, s, in which a track was not seen where it must
         have been, None where none is kept."""
         for recent in reversed(self._recent):
+            if recent.frame.time >= time:
+                continue
             seen_at = recent.shown.get(track.number)
-            if recent.frame.time < time and not tracker.was_there(track, seen_at):
+            if seen_at is None or not tracker.was_there(track, seen_at):
                 return recent
         return None
 

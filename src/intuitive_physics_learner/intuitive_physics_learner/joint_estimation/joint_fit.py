@@ -209,6 +209,11 @@ class JointFit(Resumable):
         }
         return [fits[member] for member in range(len(fits))]
 
+    @property
+    def horizons(self) -> NDArray[np.float64]:
+        """Last time (n_observations,) in s that is fitted of each observation."""
+        return np.array([each.horizon for each in self.observation_fits()])
+
     def state_draws(self, generator: np.random.Generator, count: int) -> NDArray[np.float64]:
         """Draw initial states from their posterior by the points up to the fit horizons.
 

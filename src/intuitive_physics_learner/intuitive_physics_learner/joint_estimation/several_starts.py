@@ -115,8 +115,7 @@ def compared_evidences(
     single observation counts up to `LARGEST_VOTE` below the fit that explains it best: beyond where
     a fit explains it, it differs by thousands, and that says only that the fit took a wrong turn.
     """
-    all_horizons = [[each.horizon for each in fit.observation_fits()] for fit in fits]
-    longest, total = np.max(all_horizons, axis=0), np.zeros(len(fits))
+    longest, total = np.max([fit.horizons for fit in fits], axis=0), np.zeros(len(fits))
     for farther in beyond:
         parts = [log_evidences(task, fit, longest + farther, steps) for fit in fits]
         of_points = np.array([points for points, _ in parts])
@@ -201,7 +200,7 @@ class SeveralStarts(Resumable):
         A step takes as long as its horizons are, and these grow by one advance at most.
         """
         fit = self.best
-        horizon = float(np.mean([each.horizon for each in fit.observation_fits()]))
+        horizon = float(np.mean(fit.horizons))
         duration = float(np.mean(durations(fit)))
         steps = (duration - horizon) / fit.model.largest_advance
         return seconds / len(self.fits) * steps * 0.5 * (horizon + duration) / horizon

@@ -134,9 +134,8 @@ def tumbles(fit: JointFit) -> bool:
         return False
     if any(isinstance(each.objects[0].object.shape, Sphere) for each in observations):
         return False
-    horizons = np.array([each.horizon for each in fit.observation_fits()])
     possible = FIRST_DURATION + SEPARATE_STEPS * fit.model.largest_advance
-    share = (horizons / np.minimum(durations(fit), possible)).mean()
+    share = (fit.horizons / np.minimum(durations(fit), possible)).mean()
     return float(share) < LARGEST_TUMBLING_SHARE
 
 

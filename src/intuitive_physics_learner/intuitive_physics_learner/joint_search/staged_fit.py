@@ -104,8 +104,7 @@ class StagedFit(Resumable):
         Those fitted in segments do not count. What explains all of a motion is no wrong optimum,
         and motion that can be followed so far is not chaotic.
         """
-        horizons = np.array([each.horizon for each in self.joint.observation_fits()])
-        ends_early = self.task.counted & (horizons < durations(self.joint))
+        ends_early = self.task.counted & (self.joint.horizons < durations(self.joint))
         return np.asarray(self.task.influence[ends_early].any(axis=0))
 
     @property

@@ -176,10 +176,9 @@ def detection_at(track: Track, time: float | None) -> Detections | None:
     Returns one detection in the environment's frame; None where the object was not seen then.
     `time` in s; None: it was not seen.
     """
-    step = None if time is None else track.step_at(time)
-    if step is None or step.detection is None:
+    detection = None if time is None else track.seen_at(time)
+    if time is None or detection is None:
         return None
-    detection = step.detection
     whole = frame_covariance(detection)
     position, covariance, bias = detection.center, whole[:3, :3], detection.systematic[:3, :3]
     if track.attitude is None:
@@ -187,7 +186,7 @@ def detection_at(track: Track, time: float | None) -> Detections | None:
         position = position + gain * (track.mean[RADIUS] - detection.radius)
         covariance = covariance - whole[3, 3] * np.outer(gain, gain)
         bias = bias + track.covariance[RADIUS, RADIUS] * np.outer(gain, gain)
-    return Detections([step.time], position[None], covariance[None], bias, track.seen_spin)
+    return Detections([time], position[None], covariance[None], bias, track.seen_spin)
 
 
 def _squares(vectors: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -202,8 +202,7 @@ class Track:
     @property
     def detections(self) -> list[tuple[float, Detection]]:
         """Detections with their times (s), oldest first, those that were found later among them."""
-        found = [*(self.earlier or []), *detections_of(self.steps)]
-        return sorted(found, key=lambda detection: detection[0])
+        return self.seen_after(-np.inf)
 
     def seen_after(self, time: float) -> list[tuple[float, Detection]]:
         """Return the detections later than a time (s), with theirs, oldest first."""
@@ -224,9 +223,9 @@ class Track:
         self.earlier = [pair for pair in self.earlier or [] if pair[0] > time]
         self.moving_since = max(self.moving_since, self.steps[0].time)
 
-    def step_at(self, time: float) -> FilterStep | None:
-        """Step of a time (s), None where there is none."""
-        return next((step for step in self.since(time) if step.time == time), None)
+    def seen_at(self, time: float) -> Detection | None:
+        """Return what was seen of the track at a time (s), None for nothing."""
+        return next((step.detection for step in self.since(time) if step.time == time), None)
 
     def since(self, time: float) -> list[FilterStep]:
         """Steps not before a time (s), oldest first."""

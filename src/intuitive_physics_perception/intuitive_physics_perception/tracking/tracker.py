@@ -209,17 +209,17 @@ class Tracker:
         same_size = abs(detection.radius - track.mean[RADIUS]) < RADIUS_GATE * deviation
         return bool(same_size and off @ np.linalg.solve(spread, off) < HINDSIGHT_GATE)
 
-    def was_there(self, track: Track, time: float | None) -> bool:
+    def was_there(self, track: Track, time: float) -> bool:
         """Return whether a track was seen at a time and, as far as later detections determine that,
         where it must have been.
 
-        `time` in s; None: it was not seen.
+        `time` in s.
         """
-        seen = None if time is None else track.step_at(time)
-        if time is None or seen is None or seen.detection is None:
+        seen = track.seen_at(time)
+        if seen is None:
             return False
         expected = self.expected_before(track, time)
-        return expected is None or self.is_same(track, seen.detection, expected)
+        return expected is None or self.is_same(track, seen, expected)
 
     def add_earlier(
         self, track: Track, time: float, found: Detection, seen_at: float | None
@@ -233,11 +233,11 @@ class Tracker:
         """
         if track.earlier is None:
             return
-        seen = None if seen_at is None else track.step_at(seen_at)
-        if seen is not None and seen.detection is not None:
-            if np.linalg.norm(seen.detection.center - found.center) < found.radius:
+        seen = None if seen_at is None else track.seen_at(seen_at)
+        if seen_at is not None and seen is not None:
+            if np.linalg.norm(seen.center - found.center) < found.radius:
                 return
-            track.forget_until(seen.time)
+            track.forget_until(seen_at)
         track.earlier.append((time, found))
 
     def _expected(

@@ -15,15 +15,13 @@ from intuitive_physics.simulation import make_simulator
 from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import TrajectoryCost
-from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.fit_horizons import RETREAT
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
-from intuitive_physics_learner.joint_estimation.scans import other_spins
+from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_ADVANCE, JointFit
+from intuitive_physics_learner.joint_estimation.spin_search import other_spins
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
 
 from .cases import task_of
 
-SETTINGS = JointEstimationSettings()
 FLOOR = Environment([Plane("floor", "floor", (0, 0, 1), 0.0)])
 GRIPPY = StaticParameters.uniform(
     ["ball", "floor"],
@@ -55,7 +53,7 @@ def model_of(spin, parameters=GRIPPY, known=False):
         Observation(FLOOR, (ObservedObject(ball, Trajectory(TIMES, noisy), believed),), 0.0)
     ]
     cost = TrajectoryCost(observed, make_simulator("event_driven"))
-    return TrajectoryModel(task_of(cost, parameters).fit_task, SETTINGS.largest_advance)
+    return TrajectoryModel(task_of(cost, parameters).fit_task, LARGEST_ADVANCE)
 
 
 def other_spin(model):
@@ -75,7 +73,7 @@ def test_a_bounce_that_sticks_leads_to_the_spin_along_its_plane(x, y, z):
     estimate = other_spin(model_of((x, y, z)))
     if np.hypot(x, y) > 5.0:
         spin, until = estimate
-        assert until == pytest.approx(TIMES[9] + RETREAT + SETTINGS.largest_advance)
+        assert until == pytest.approx(TIMES[9] + RETREAT + LARGEST_ADVANCE)
         np.testing.assert_allclose(spin[:2], (x, y), atol=1.5)
 
 
@@ -105,7 +103,7 @@ def test_a_fit_that_has_reached_the_end_is_left_alone():
 def test_likelihood_is_of_the_spin_that_explains_more():
     # Before the bounce, where the fit begins, the spin moves nothing.
     model = model_of((0.0, -40.0, 0.0))
-    fit = JointFit(model.task, SETTINGS)
+    fit = JointFit(model.task)
     ((alone,),) = (likelihood.spins for likelihood in fit.likelihoods())
     ((likelihood,),) = (likelihood.spins for likelihood in fit.likelihoods(look_for_spins=True))
     assert not alone.precision.any()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
-from intuitive_physics.prior_knowledge.spin_evidence import SpinEvidence, SpinLikelihood
+from intuitive_physics.prior_knowledge.spin_evidence import SpinEvidence
 from intuitive_physics_learner.joint_estimation.damped_steps import DampedSteps
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     advanced_horizons,
@@ -23,7 +23,6 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
     joint_posterior,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
-from intuitive_physics_learner.joint_estimation.spin_search import other_spins
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
 from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
 from intuitive_physics_learner.search.learning_task import FitTask
@@ -149,25 +148,15 @@ class JointFit(Resumable):
         each = self.model.simulations / max(self.steps, 1)
         return 3 * (HELD_STEPS + 1) * each
 
-    def likelihoods(self, *, look_for_spins: bool = False) -> list[LocalLikelihood]:
+    def likelihoods(self) -> list[LocalLikelihood]:
         """Return the likelihood of θ_s near the estimate, of each observation."""
-        likelihoods = self.model.likelihoods(self.estimate, self.weights)
-        if look_for_spins:
-            for member, spins in self._other_spins().items():
-                likelihoods[member] = replace(likelihoods[member], spins=spins)
-        return likelihoods
+        return self.model.likelihoods(self.estimate, self.weights)
 
     def spin_evidence(self) -> SpinEvidence:
-        """Return what all observations say of how balls are thrown.
-
-        Each counts by its weight; one with another spin, which θ_s explains farther, in full.
-        """
-        evidence, likelihoods, others = SpinEvidence(), self.likelihoods(), self._other_spins()
-        for member, weight in enumerate(self.weights.tolist()):
-            if member in others:
-                evidence.add_all(others[member])
-            else:
-                evidence.add_all(likelihoods[member].spins, weight)
+        """Return what all observations say of how balls are thrown, each by its weight."""
+        evidence = SpinEvidence()
+        for likelihood, weight in zip(self.likelihoods(), self.weights.tolist(), strict=True):
+            evidence.add_all(likelihood.spins, weight)
         return evidence
 
     def observation_fits(self) -> list[ObservationFit]:
@@ -292,25 +281,6 @@ class JointFit(Resumable):
         for _ in range(HELD_STEPS):
             fit.step()
         return fit
-
-    def _other_spins(self) -> dict[int, tuple[SpinLikelihood, ...]]:
-        """Return what trajectories say of other spins that explain more, by observation.
-
-        θ_s and all other initial states stay as they are: a spin that is wrong does no harm there.
-        """
-        model, fits = self.model, self.observation_fits()
-        others = other_spins(model, self.estimate)
-        if not others:
-            return {}
-        members = np.array(sorted(others))
-        begun = [ObservationFit(others[m][0], fits[m].deviations, others[m][1]) for m in members]
-        held = _held_at(model.task.of(members), self.unit)
-        fit = self._continued(held, self.unit, begun, model.spins)
-        likelihoods = fit.likelihoods()
-        explained = np.zeros(members.size, dtype=bool)
-        for block, part in fit.model.parts(fit.estimate):
-            explained[block.members] = ~part.misfits
-        return {int(members[k]): likelihoods[k].spins for k in np.flatnonzero(explained)}
 
     def step(self) -> None:
         """Take a damped Gauss-Newton step in all unknowns, then move the fit horizons.

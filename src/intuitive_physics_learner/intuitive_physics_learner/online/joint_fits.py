@@ -83,11 +83,8 @@ class JointProblem:
         fit.begin_at(unit, known.deviations[self.parameters], states)
         return fit
 
-    def take_over(self, fit: JointFit, *, with_spins: bool) -> None:
-        """Let what a fit has found of the members be what is known of them.
-
-        `with_spins`: also what they say of how balls are thrown, which takes as long as four steps.
-        """
+    def take_over(self, fit: JointFit) -> None:
+        """Let what a fit has found of the members be what is known of them."""
         state, parameters, prior = self.state, self.parameters, self.prior
         # Parameters that the members do not depend on follow those that they correlate with.
         rest = np.setdiff1d(np.arange(state.unit.size), parameters)
@@ -98,14 +95,13 @@ class JointProblem:
         for member, observation_fit, likelihood, weight in zip(
             self.members,
             fit.observation_fits(),
-            fit.likelihoods(look_for_spins=with_spins),
+            fit.likelihoods(),
             fit.weights.tolist(),
             strict=True,
         ):
             member.fit, member.weight = observation_fit, weight
-            spins = likelihood.spins if with_spins else member.likelihood.spins
             own = parameters[likelihood.parameters]
-            member.likelihood = replace(likelihood, parameters=own, spins=spins)
+            member.likelihood = replace(likelihood, parameters=own)
             member.in_segments = False
         state.add_up()
 
@@ -157,7 +153,7 @@ class JointFits:
         fit = problem.fit_from(self._present, KNOWN_ADVANCE)
         saved = left - WINDOW_SHARE * self.options.seconds * new if np.isfinite(left) else 0.0
         self._run(fit, WINDOW_STEPS, saved)
-        problem.take_over(fit, with_spins=False)
+        problem.take_over(fit)
 
     def refit(self, observations: Mapping[str, Observation]) -> None:
         """Fit all observations that are kept as a search does, and begin again from the best fit.
@@ -192,7 +188,7 @@ class JointFits:
         state.spread = np.zeros(state.unit.size)
         staged.jointly.choose(COMPARED_BEYOND)
         state.spread[problem.parameters] = staged.jointly.spread
-        problem.take_over(staged.joint, with_spins=True)
+        problem.take_over(staged.joint)
         self._follow_profiles(problem, staged.joint)
         self._forget_what_disagrees()
         noted = begun_anew if begun_anew in staged.jointly.fits else staged.joint
@@ -217,7 +213,7 @@ class JointFits:
             segments.step()
         if not segments.usable:
             return False
-        problem.take_over(fit, with_spins=False)
+        problem.take_over(fit)
         problem.take_over_segments(segments)
         state.spread[problem.parameters] = 0.0
         parameters = problem.parameters

@@ -67,7 +67,7 @@ class LoneFit:
 
     def member(self, number: int, signs: Signs) -> Member:
         """Return the observation, the `number`-th, with what it says of all n parameters."""
-        (likelihood,) = self.fit.likelihoods(look_for_spins=True)
+        (likelihood,) = self.fit.likelihoods()
         likelihood = replace(likelihood, parameters=self._parameters[likelihood.parameters])
         name, stamp = self.observation.id, self.observation.start_time
         return Member(name, number, stamp, self.observation_fit, likelihood, signs)

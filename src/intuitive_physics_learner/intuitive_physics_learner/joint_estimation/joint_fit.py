@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics.prior_knowledge.spin_evidence import SpinEvidence
 from intuitive_physics_learner.joint_estimation.damped_steps import DampedSteps
-from intuitive_physics_learner.joint_estimation.fit_horizons import (
-    advanced_horizons,
-)
+from intuitive_physics_learner.joint_estimation.fit_horizons import advanced_horizons
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     Elimination,
@@ -260,8 +258,9 @@ class JointFit(Resumable):
         self, unit: NDArray[np.float64], fits: Sequence[ObservationFit]
     ) -> tuple[NDArray[np.float64], list[ObservationFit]]:
         """Fit initial states with θ_s held; return the loss (n_observations,) of each, and them."""
-        model = self.model
-        fit = self._continued(_held_at(model.task, unit), unit, fits, blocks=model.stated_blocks)
+        model, prior = self.model, Gaussian.about(unit, HELD_PRECISION * np.eye(unit.size))
+        task = replace(model.task, prior=prior)
+        fit = self._continued(task, unit, fits, blocks=model.stated_blocks)
         losses = np.array([likelihood.loss for likelihood in fit.likelihoods()])
         model.simulations += fit.model.simulations
         return losses, fit.observation_fits()
@@ -389,9 +388,3 @@ class JointFit(Resumable):
             misfits += int((part.misfits & counted[block.members]).sum())
         self.misfits = misfits / max(int(counted.sum()), 1)
         return advanced
-
-
-def _held_at(task: FitTask, unit: NDArray[np.float64]) -> FitTask:
-    """Return the task of initial states alone, θ_s held at a point (n,) of the unit cube."""
-    prior = Gaussian.about(unit, HELD_PRECISION * np.eye(unit.size))
-    return replace(task, prior=prior)

@@ -42,12 +42,7 @@ class LoneFit:
     """
 
     def __init__(
-        self,
-        cost: Cost,
-        state: OnlineState,
-        prior: Gaussian,
-        *,
-        careful: bool = False,
+        self, cost: Cost, state: OnlineState, prior: Gaussian, *, careful: bool = False
     ) -> None:
         (self.observation,) = cost.observations
         self._parameters, self._task = state.fit_task(cost, prior)

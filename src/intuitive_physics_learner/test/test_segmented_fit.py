@@ -70,10 +70,8 @@ def true_path(throws, states):
     return np.take_along_axis(states, begins[..., None], axis=1)
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.floats(0.0, 1.0))
-def test_segments_are_eliminated_as_one_matrix(seed, count, damping):
-    """H x = g for the whole block tridiagonal H, its diagonal times 1 + λ."""
-    generator = np.random.default_rng(seed)
+def drawn_equations(generator, count):
+    """Equations of a throw of `count` segments, and the whole matrix of its states."""
     d, n = 12, 3
     factors = generator.normal(size=(count * d, 2 * count * d))
     whole = factors @ factors.T / (2 * d) + np.eye(count * d)
@@ -88,11 +86,26 @@ def test_segments_are_eliminated_as_one_matrix(seed, count, damping):
         matrix[k, :, k] = own[k]
         if k + 1 < count:
             matrix[k, :, k + 1], matrix[k + 1, :, k] = next_blocks[k], next_blocks[k].T
-    matrix = matrix.reshape(count * d, count * d)
-    matrix += damping * np.diag(np.diag(matrix))
+    links = generator.uniform(1.0, 2.0, size=(count, d))
     equations = SegmentEquations(
-        own[None], next_blocks[None], across[None], gradient[None], np.eye(n)[None], np.ones((1, n))
+        own[None],
+        next_blocks[None],
+        across[None],
+        gradient[None],
+        np.eye(n)[None],
+        np.ones((1, n)),
+        links[None],
     )
+    return equations, matrix.reshape(count * d, count * d)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.floats(0.0, 1.0))
+def test_segments_are_eliminated_as_one_matrix(seed, count, damping):
+    """H x = g for the whole block tridiagonal H, its diagonal times 1 + λ."""
+    equations, matrix = drawn_equations(np.random.default_rng(seed), count)
+    matrix += damping * np.diag(np.diag(matrix))
+    across, gradient = equations.parameter_blocks[0], equations.gradients[0]
+    n = across.shape[2]
     gains, offsets = equations.solved(damping)
     np.testing.assert_allclose(
         gains[0].reshape(-1, n), np.linalg.solve(matrix, across.reshape(-1, n)), atol=1e-8
@@ -100,6 +113,38 @@ def test_segments_are_eliminated_as_one_matrix(seed, count, damping):
     np.testing.assert_allclose(
         offsets[0].ravel(), np.linalg.solve(matrix, gradient.ravel()), atol=1e-8
     )
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 4), st.data())
+def test_states_are_smoothed_as_by_the_whole_matrix(seed, count, data):
+    """H of a throw is the inverse of the covariance of its states. With one of them given the mean
+    of those before it is Σ_bk Σ_kk⁻¹ δ, and where δ has just the loss ½ δᵀ P δ by what is before
+    it, P is the Schur complement of H with the link alone in place of the state's own block."""
+    d, generator = 12, np.random.default_rng(seed)
+    equations, matrix = drawn_equations(generator, count)
+    covariance = np.linalg.inv(matrix).reshape(count, d, count, d)
+    smoothed = equations.smoothed
+    for k in range(count):
+        np.testing.assert_allclose(smoothed.covariances[0, k], covariance[k, :, k], atol=1e-9)
+    k = data.draw(st.integers(1, count - 1))
+    change = generator.normal(size=d)
+    follow = covariance[:k, :, k] @ np.linalg.solve(covariance[k, :, k], change)
+    np.testing.assert_allclose(smoothed.before(0, k, change), follow, atol=1e-8)
+    before, across = matrix[: k * d, : k * d], matrix[: k * d, k * d : (k + 1) * d]
+    information = np.diag(equations.link_precisions[0, k - 1])
+    information -= across.T @ np.linalg.solve(before, across)
+    np.testing.assert_allclose(smoothed.precisions[0, k], information, atol=1e-8)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_states_are_drawn_with_their_covariance(seed):
+    """Of n draws the variance errs by √(2 / n) of itself, one standard deviation."""
+    generator = np.random.default_rng(seed)
+    equations, matrix = drawn_equations(generator, 3)
+    smoothed, count = equations.smoothed, 4000
+    (drawn,) = smoothed.drawn(np.array([0]), np.array([1]), np.full(count, 2.0), generator)
+    variances = 4.0 * np.diag(np.linalg.inv(matrix))[12:24]
+    np.testing.assert_allclose(drawn.var(axis=0), variances, rtol=6.0 * np.sqrt(2.0 / count))
 
 
 def test_the_true_motion_leaves_noise_alone(single, event_driven, seen, true_unit):

@@ -20,6 +20,7 @@ from intuitive_physics_learner.segmented_estimation.chaotic_states import (
     moved,
 )
 from intuitive_physics_learner.segmented_estimation.segmented_throws import SegmentedThrows
+from intuitive_physics_learner.segmented_estimation.smoothed_states import SmoothedStates
 
 SMALLEST_CHANGE = 1e-6
 """Smallest step of a finite difference of a state, in the unit of its component."""
@@ -50,6 +51,7 @@ class SegmentEquations:
     parameter_blocks : (A, K, 12, n) of each state with the parameters
     gradients : (A, K, 12)
     information, scores : (A, n, n), (A, n) of the parameters where no state moves
+    link_precisions : (A, K, 12) of the link from each state's segment to the next; 0 without one
     """
 
     blocks: NDArray[np.float64]
@@ -58,6 +60,7 @@ class SegmentEquations:
     gradients: NDArray[np.float64]
     information: NDArray[np.float64]
     scores: NDArray[np.float64]
+    link_precisions: NDArray[np.float64]
 
     def solved(self, damping: float = 0.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return gains (A, K, 12, n) and offsets (A, K, 12) of the states.
@@ -100,6 +103,22 @@ class SegmentEquations:
     def covariances(self) -> NDArray[np.float64]:
         """Covariance (A, K, 12, 12) of each state, its neighbours and θ_s held."""
         return np.asarray(np.linalg.inv(self.blocks), dtype=np.float64)
+
+    @property
+    def smoothed(self) -> SmoothedStates:
+        """What is known of each state, its neighbours free."""
+        blocks, gains, before = self.blocks.copy(), *np.zeros((2, *self.blocks.shape))
+        for k in range(1, blocks.shape[1]):
+            across = self.next_blocks[:, k - 1]
+            gains[:, k - 1] = -np.linalg.solve(blocks[:, k - 1], across)
+            gained = across.swapaxes(1, 2) @ gains[:, k - 1]
+            blocks[:, k] += gained
+            before[:, k] = self.link_precisions[:, k - 1, :, None] * np.eye(COMPONENTS) + gained
+        covariances = np.linalg.inv(blocks)
+        for k in reversed(range(blocks.shape[1] - 1)):
+            gain = gains[:, k]
+            covariances[:, k] += gain @ covariances[:, k + 1] @ gain.swapaxes(1, 2)
+        return SmoothedStates(covariances, before, gains)
 
 
 def segment_equations(
@@ -238,4 +257,8 @@ def _assembled(
     known = throws.initial_precisions[begun]
     blocks[begun, 0] += known[:, :, None] * np.eye(d)
     gradients[begun, 0] += known * change(states[begun, 0], throws.initial_states[begun])
-    return SegmentEquations(blocks, next_blocks, across, gradients, information, scores)
+    link_precisions = np.zeros((*shape, d))
+    link_precisions[counted] = precisions
+    return SegmentEquations(
+        blocks, next_blocks, across, gradients, information, scores, link_precisions
+    )

@@ -17,6 +17,7 @@ from intuitive_physics_learner.segmented_estimation.chaotic_states import CHANGE
 from intuitive_physics_learner.segmented_estimation.continuations import (
     BACK,
     FIRST_PARTS,
+    Continuation,
     Continuations,
 )
 from intuitive_physics_learner.segmented_estimation.segment_equations import (
@@ -27,6 +28,7 @@ from intuitive_physics_learner.segmented_estimation.segmented_throws import (
     PathLosses,
     SegmentedThrows,
 )
+from intuitive_physics_learner.segmented_estimation.smoothed_states import SmoothedStates
 
 STATE_DAMPINGS = (0.01, 1.0)
 """Dampings of the steps of states that are tried; set by hand."""
@@ -59,6 +61,7 @@ class SegmentedPaths:
         self._limits = throws.points.counts.copy()
         self.explained = self._lengths
         self._covariances = np.zeros((*throws.shape, 12, 12))
+        self._smoothed = SmoothedStates(*np.zeros((3, *throws.shape, 12, 12)))
         self._steps = 0
 
     def go_on(
@@ -72,12 +75,11 @@ class SegmentedPaths:
         worlds = self.throws.worlds([unit])
         self._spreads = self.throws.spreads(self._states, level)
         losses = self._losses(worlds, self._states)
-        if self._followed(worlds, losses, level):
-            self._spreads = self.throws.spreads(self._states, level)
-            losses = self._losses(worlds, self._states)
+        losses = self._followed(worlds, losses, level)
         self.explained = self.throws.explained(losses, self._lengths)
         self._equations = self._linearised(unit, deviations, level)
         self._covariances = self._equations.covariances
+        self._smoothed = self._equations.smoothed
         eliminated = self._equations.eliminated()
         return replace(eliminated, members=self.throws.members)
 
@@ -106,8 +108,8 @@ class SegmentedPaths:
     def _losses(self, worlds: WorldBatch, states: NDArray[np.float64]) -> PathLosses:
         return self.throws.losses(worlds, states, self._lengths, self._spreads)
 
-    def _followed(self, worlds: WorldBatch, losses: PathLosses, level: float) -> bool:
-        """Look for a way beyond what is explained; return whether any throw was followed."""
+    def _followed(self, worlds: WorldBatch, losses: PathLosses, level: float) -> PathLosses:
+        """Look for a way beyond what is explained; return the losses after it."""
         throws = self.throws
         explained = throws.explained(losses, self._lengths)
         asked = explained < self._limits
@@ -115,36 +117,57 @@ class SegmentedPaths:
         asked &= (explained > self.explained) | (self._steps % 2 == 1)
         rows = np.flatnonzero(asked)
         if not rows.size:
-            return False
+            return losses
+        present = self._states, self._lengths, self._spreads
+        old = [each.copy() for each in present]
         first = np.maximum(explained[rows] - BACK, 0)
-        begun = self._begun[rows].copy()
-        known = np.flatnonzero(self._lengths[rows] > 0)
-        begun[known] = self._spread(rows[known], first[known])
-        last = np.maximum(first - 1, 0)
-        spreads = throws.link_spreads(rows, self._states[rows, last][:, None], begun, level)
-        before = throws.link_losses(losses.ends[rows, last][:, None], begun, spreads)
-        before = np.where((first == 0)[:, None], throws.initial_losses(rows, begun), before)
+        changes, begun, before = self._begun_at(rows, first)
         found = Continuations(throws, worlds, rows, first, begun, level, self._generator).follow(
             self._states, self._lengths, self._limits, before
         )
-        for a in np.flatnonzero(found.counts).tolist():
-            row, begin, count = rows[a], first[a], found.counts[a]
-            self._states[row, begin : begin + count] = found.states[a, :count]
-            self._lengths[row] = begin + count
+        self._take(rows, first, changes, found)
         self._limits[rows] = np.minimum(self._limits[rows], found.ends)
-        return True
+        self._spreads[:] = throws.spreads(self._states, level)
+        after = self._losses(worlds, self._states)
+        lost = throws.explained(after, self._lengths) < explained
+        for new, kept in zip(present, old, strict=True):
+            new[lost] = kept[lost]
+        after.take(losses, lost)
+        return after
 
-    def _spread(self, rows: NDArray[np.int64], segments: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return states (r, M, 13) about those in which segments (r,) of throws (r,) begin."""
-        covariances = self._covariances[rows, segments]
-        values, vectors = np.linalg.eigh(covariances)
-        factors = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
-        motions = self._begun.shape[1]
-        normal = self._generator.normal(size=(rows.size, motions, 12))
-        normal *= np.resize(FIRST_PARTS, motions)[:, None]
-        normal[:, 0] = 0.0
-        changes = normal @ factors.swapaxes(1, 2)
-        return moved(self._states[rows, segments][:, None], changes)
+    def _begun_at(
+        self, rows: NDArray[np.int64], first: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Draw states in which motions of throws `rows` (r,) begin segments `first` (r,).
+
+        Returns changes (r, M, 12) of the present path, the first none; the states (r, M, 13); and
+        losses (r, M) before these segments.
+        """
+        scales = np.resize(FIRST_PARTS, self._begun.shape[1])
+        scales[0] = 0.0
+        changes = self._smoothed.drawn(rows, first, scales, self._generator)
+        begun = moved(self._states[rows, first][:, None], changes)
+        new = self._lengths[rows] == 0
+        begun[new] = self._begun[rows[new]]
+        before = self._smoothed.losses(rows, first, changes)
+        at_start = first == 0
+        before[at_start] = self.throws.initial_losses(rows[at_start], begun[at_start])
+        return changes, begun, before
+
+    def _take(
+        self,
+        rows: NDArray[np.int64],
+        first: NDArray[np.int64],
+        changes: NDArray[np.float64],
+        found: Continuation,
+    ) -> None:
+        """Let throws go on as found, and the states before follow; as `_begun_at` has them."""
+        for a in np.flatnonzero(found.counts).tolist():
+            row, begin, end = int(rows[a]), int(first[a]), int(first[a] + found.counts[a])
+            follow = self._smoothed.before(row, begin, changes[a, found.motions[a]])
+            self._states[row, :begin] = moved(self._states[row, :begin], follow)
+            self._states[row, begin:end] = found.states[a, : end - begin]
+            self._lengths[row] = end
 
     def _linearised(
         self, unit: NDArray[np.float64], deviations: NDArray[np.float64], level: float

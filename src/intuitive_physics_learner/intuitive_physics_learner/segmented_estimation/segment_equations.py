@@ -114,7 +114,7 @@ class SegmentEquations:
             gained = across.swapaxes(1, 2) @ gains[:, k - 1]
             blocks[:, k] += gained
             before[:, k] = self.link_precisions[:, k - 1, :, None] * np.eye(COMPONENTS) + gained
-        covariances = np.linalg.inv(blocks)
+        covariances = np.asarray(np.linalg.inv(blocks), dtype=np.float64)
         for k in reversed(range(blocks.shape[1] - 1)):
             gain = gains[:, k]
             covariances[:, k] += gain @ covariances[:, k + 1] @ gain.swapaxes(1, 2)

@@ -15,7 +15,7 @@ from intuitive_physics.materials import PAIR_COEFFICIENTS, StaticParameters
 from intuitive_physics.simulation import make_simulator
 from intuitive_physics_learner import TrajectoryCost
 from intuitive_physics_learner.cost.parameter_influence import parameter_influence
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
 from intuitive_physics_learner.search.learning_task import LearningTask
 
 WORLDS = 2000  # of a toy
@@ -109,7 +109,7 @@ def test_density_is_the_loss_of_the_fit():
         parameter_influence(world.observations, materials),
         StaticParameters.uniform(materials),
     )
-    fit = JointFit(task.fit_task)
+    fit = JointFit(task.fit_task, JointEstimationSettings(scan_steps=()))
     for _ in range(6):
         fit.step()
     n, density = fit.unit.size, FitDensity(fit)

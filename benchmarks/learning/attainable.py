@@ -39,6 +39,7 @@ from intuitive_physics_learner.cost.parameter_influence import parameter_influen
 from intuitive_physics_learner.joint_estimation.joint_fit import (
     FIXED_HORIZONS,
     HELD_PRECISION,
+    JointEstimationSettings,
     JointFit,
     ObservationFit,
 )
@@ -135,8 +136,8 @@ def _predicted(
     `truth` (n,) θ_s on the unit cube; `true` the initial states. Returns these with the horizons,
     and the standard deviations (n,) of θ_s in widths.
     """
-    growing = JointFit(learning.fit_task, LONGEST_ADVANCE)
-    deviations = learning.prior.deviations
+    settings = JointEstimationSettings(largest_advance=LONGEST_ADVANCE, scan_steps=())
+    growing, deviations = JointFit(learning.fit_task, settings), learning.prior.deviations
     held = _advanced(true, growing)
     for _ in range(MOST_ADVANCES):
         growing.begin_at(truth, deviations, held)
@@ -156,7 +157,7 @@ def _fitted_at(learning: LearningTask, truth: NDArray[np.float64]) -> list[float
     """
     task = learning.fit_task
     prior = Gaussian.about(truth, HELD_PRECISION * np.eye(truth.size))
-    fit = JointFit(replace(task, prior=prior))
+    fit = JointFit(replace(task, prior=prior), JointEstimationSettings(scan_steps=()))
     while not fit.settled and fit.steps < MOST_STEPS:
         fit.step()
     return fit.horizons.tolist()

@@ -43,6 +43,7 @@ from intuitive_physics_learner.design import (
     suggest,
 )
 from intuitive_physics_learner.design.suggestion import EXECUTION_ERROR
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.profiles import (
     UNIFORM,
@@ -65,7 +66,7 @@ KINDS = {
 # Ranges of the true θ_s: as in the paper's sets, but for dynamic friction. On a rougher floor no
 # throw slides for longer than a few frames, so that no number of throws would be enough.
 TRUTH = {**TRUE_RANGES, "dynamic_friction": Bounds(0.1, 0.5)}
-# Steps of the joint fit after each throw: a horizon advances by 0.2 s in one
+# Steps of the joint fit after each throw: a horizon advances by 0.2 s in one, and four scan
 MOST_STEPS = 15
 # Largest standard deviation that is enough, in widths of the bounds of each parameter
 PRECISION = 0.03
@@ -213,7 +214,7 @@ def _fitted(
     cost = TrajectoryCost(observations, simulator, space.materials)
     influence = parameter_influence(observations, space.materials)
     task = LearningTask(cost, space, influence, space.to_parameters(start))
-    fit = JointFit(task.fit_task)
+    fit = JointFit(task.fit_task, JointEstimationSettings())
     while fit.steps < MOST_STEPS and not fit.settled:
         fit.step()
     unit = start.copy()

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     AGREEMENT_FREEDOM,
     Elimination,
@@ -86,7 +86,7 @@ def test_without_an_observation_the_others_alone_decide():
 
 def test_likelihood_of_an_observation_does_not_depend_on_its_weight(gliding_task):
     task = gliding_task([0.6, 0.6, 0.6], position_deviation=0.02, count=60)
-    fit = JointFit(task.fit_task)
+    fit = JointFit(task.fit_task, JointEstimationSettings())
     for _ in range(3):
         fit.step()
     before = fit.likelihoods()

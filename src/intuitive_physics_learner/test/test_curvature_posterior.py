@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
-from intuitive_physics_learner.joint_estimation import normal_equations
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings, normal_equations
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.normal_equations import (
@@ -40,7 +40,7 @@ def least_squares(monkeypatch):
 
 
 def fit_of(task):
-    return JointFit(task.fit_task)
+    return JointFit(task.fit_task, JointEstimationSettings())
 
 
 def information_of(task, model, horizons, slope=1.0):

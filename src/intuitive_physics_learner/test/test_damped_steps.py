@@ -5,7 +5,7 @@ import pytest
 
 from intuitive_physics_learner import TrajectoryCost
 from intuitive_physics_learner.joint_estimation.damped_steps import DampedSteps
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
 from intuitive_physics_learner.joint_estimation.linearisation import residuals_at
 
 from .cases import MATERIALS, task_of
@@ -14,7 +14,7 @@ from .cases import MATERIALS, task_of
 @pytest.fixture
 def fit(event_driven, throws):
     task = task_of(TrajectoryCost(throws(8, 5, 0.005, 0.02), event_driven, MATERIALS))
-    fit = JointFit(task.fit_task)
+    fit = JointFit(task.fit_task, JointEstimationSettings())
     for _ in range(4):
         fit.step()
     return fit

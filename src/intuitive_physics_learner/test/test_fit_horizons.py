@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from intuitive_physics_learner import TrajectoryCost
-from intuitive_physics_learner.joint_estimation import fit_horizons
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings, fit_horizons
 from intuitive_physics_learner.joint_estimation.fit_horizons import (
     FAILED_LENGTH,
     MISFIT_POINTS,
@@ -20,12 +20,14 @@ from intuitive_physics_learner.joint_estimation.fit_horizons import (
     misfit_length,
     misfit_starts,
 )
-from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_ADVANCE, JointFit
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
 
 from .cases import rerouted
 
+SETTINGS = JointEstimationSettings()
+ADVANCE = SETTINGS.largest_advance
 NOISE = 0.01
 """m"""
 
@@ -63,9 +65,9 @@ def test_horizons_advance_to_where_the_linearisation_error_exceeds_its_limit(blo
     horizons = first_horizons(block)
     for _ in range(20):
         before = horizons
-        horizons = advanced_horizons(block, linear, spreads, horizons, LARGEST_ADVANCE)
+        horizons = advanced_horizons(block, linear, spreads, horizons, ADVANCE)
         assert (horizons >= before).all()
-        assert (horizons <= before + LARGEST_ADVANCE + 1e-12).all()
+        assert (horizons <= before + ADVANCE + 1e-12).all()
     np.testing.assert_allclose(horizons, expected)
 
 
@@ -74,7 +76,7 @@ def test_horizons_advance_to_where_the_spread_exceeds_its_limit(block):
     horizons = np.array([0.4, 2.0])
     for _ in range(20):
         horizons = advanced_horizons(
-            block, bent(block, 0.0 * block.times), spreads, horizons, LARGEST_ADVANCE
+            block, bent(block, 0.0 * block.times), spreads, horizons, ADVANCE
         )
     # 0.1 m/s reaches 0.15 m at 1.5 s, before which 1.48 s is the last point; what was fitted
     # already stays so.
@@ -84,7 +86,7 @@ def test_horizons_advance_to_where_the_spread_exceeds_its_limit(block):
 def test_horizons_end_with_the_trajectory(block):
     horizons = np.array([3.9, 3.95])
     predictable = bent(block, 0.0 * block.times)
-    moved = advanced_horizons(block, predictable, 0.0 * block.times, horizons, LARGEST_ADVANCE)
+    moved = advanced_horizons(block, predictable, 0.0 * block.times, horizons, ADVANCE)
     np.testing.assert_allclose(moved, block.durations)
 
 
@@ -175,7 +177,7 @@ def test_a_fit_settles_where_one_motion_cannot_be_explained_to_its_end(gliding_t
     kick = [0.0, 1.0, 0.0]
     kicked = rerouted(last, lambda t, path: path + np.maximum(t - 1.2, 0.0)[:, None] * kick)
     task = replace(task, cost=TrajectoryCost([*others, kicked], glide))
-    fit = JointFit(task.fit_task)
+    fit = JointFit(task.fit_task, SETTINGS)
     for _ in range(60):
         fit.step()
     assert fit.settled
@@ -201,7 +203,7 @@ def test_losses_are_hubers_and_the_priors(block):
 
 def test_joint_fit_reaches_the_end_of_predictable_motion(gliding_task):
     task = gliding_task([0.6, 0.6, 0.6], position_deviation=0.02, count=60)
-    fit = JointFit(task.fit_task)
+    fit = JointFit(task.fit_task, SETTINGS)
     for _ in range(40):
         fit.step()
     assert fit.settled

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner import ConvergenceCriteria, TrajectoryCost
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
 from intuitive_physics_learner.joint_search import joint_search, separate_fits
 from intuitive_physics_learner.joint_search.joint_search import JointSearch
 from intuitive_physics_learner.joint_search.separate_fits import tumbles
@@ -58,7 +58,7 @@ def true_unit(task):
 @pytest.fixture(scope="module")
 def single(task):
     """The fit of single initial states that a fit in segments begins at."""
-    fit = JointFit(task.fit_task)
+    fit = JointFit(task.fit_task, JointEstimationSettings())
     for _ in range(20):
         fit.step()
     return fit

@@ -25,7 +25,7 @@ from intuitive_physics.state import ObjectState
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import ConvergenceCriteria, LearningOptions, TrajectoryCost, learn
 from intuitive_physics_learner.given_parameters import given_parameters
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     NormalEquations,
     joint_posterior,
@@ -239,7 +239,7 @@ def test_the_spread_of_spins_converges_with_the_fit(event_driven, seed):
     # spread and spins of before make a wide one, and that one with spins of no size a narrow one.
     observed = throws(event_driven, 5, seed, 0.1, frames=150, guess=0.1)
     _, task = _begin(observed, event_driven, OPTIONS, None, TrajectoryCost)
-    fit = JointFit(task.fit_task)
+    fit = JointFit(task.fit_task, JointEstimationSettings())
     deviations = []
     while not fit.settled and fit.steps < 40:
         fit.step()

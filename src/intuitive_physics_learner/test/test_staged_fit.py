@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from intuitive_physics.trajectory import Trajectory
 from intuitive_physics_learner import TrajectoryCost
 from intuitive_physics_learner.cost.wrapped_costs import PartialCost
+from intuitive_physics_learner.joint_estimation import JointEstimationSettings
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_search import separate_fits, staged_fit
 from intuitive_physics_learner.joint_search.separate_fits import separable
@@ -122,7 +123,7 @@ def test_an_object_is_fitted_as_if_there_were_no_other(task):
         prior = task.prior.marginal(np.flatnonzero(parameters))
         cost = PartialCost(task.cost, members)
         part = FitTask(cost, space, influence[np.ix_(members, parameters)], prior)
-        fit = JointFit(part)
+        fit = JointFit(part, JointEstimationSettings())
         for _ in range(STEPS):
             if not fit.settled:
                 fit.step()
@@ -167,7 +168,7 @@ def test_collisions_are_fitted_with_what_the_separate_fits_say(task):
         prior = prior.joined(said.among(part.parameters, prior.mean.size))
     members = np.array(several(task))
     asked = replace(task.fit_task, prior=prior).of(members)
-    fit = JointFit(asked)
+    fit = JointFit(asked, JointEstimationSettings())
     deviations = np.minimum(staged.joint.deviations, prior.deviations)
     fit.begin_at(staged.joint.unit, deviations, [None] * members.size)
     for _ in range(TOGETHER):

@@ -8,6 +8,10 @@ points are in bundle adjustment) and what is left is a small problem in θ_s.
 `docs/method/joint_estimation.md` derives it; its sections are the modules here: from the unknowns
 and points (`observation_blocks`) over their slopes (`linearisation`), the elimination
 (`normal_equations`), how far trajectories are fitted (`fit_horizons`) and all of these at one
-estimate (`trajectory_model`) to a step (`joint_fit`), fits from several starts (`several_starts`)
-and the loss where single parameters are moved (`profile_rises`, `profiles`).
+estimate (`trajectory_model`) to what leaves local optima (`scans`), a step (`joint_fit`), and fits
+from several starts (`several_starts`).
 """
+
+from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings
+
+__all__ = ["JointEstimationSettings"]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from intuitive_physics.prior_knowledge.initial_spins import InitialSpins
 from intuitive_physics.prior_knowledge.spin_evidence import SpinEvidence
+from intuitive_physics.settings import check_settings, number, other
 from intuitive_physics_learner.joint_estimation.damped_steps import DampedSteps
 from intuitive_physics_learner.joint_estimation.fit_horizons import advanced_horizons
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
@@ -21,16 +22,15 @@ from intuitive_physics_learner.joint_estimation.normal_equations import (
     joint_posterior,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import ObservationBlock
+from intuitive_physics_learner.joint_estimation.scans import (
+    SCAN_LEVELS,
+    compatible_moves,
+    scanned,
+)
 from intuitive_physics_learner.joint_estimation.trajectory_model import TrajectoryModel
 from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
 from intuitive_physics_learner.search.learning_task import FitTask
 from intuitive_physics_learner.search.plain_state import Resumable, restore, state_of
-
-LARGEST_ADVANCE = 0.2
-"""Time by which a fit horizon advances at most in one step, s; set by hand."""
-
-FIXED_HORIZONS = 0.0
-"""The same of a fit up to given horizons, whose spread of initial spins is given, too."""
 
 HELD_STEPS = 3
 """Steps of initial states alone by which two θ_s are compared; set by hand."""
@@ -70,6 +70,36 @@ HELD_PRECISION = 1e12
 """Per width², of a parameter that is held: it moves by rounding alone."""
 
 
+@dataclass(frozen=True)
+class JointEstimationSettings:
+    """The schedule of a fit. All other numbers of the estimation are constants beside their use.
+
+    A number that says "set by hand" has no derivation: it was set when the estimator was written,
+    and the synthetic sets of `make bench-learning` are what it was run on with that value. Lengths
+    in σ are in standard deviations of the noise of an observed position on one axis. Lengths in
+    widths are parts of the unit interval that each parameter of θ_s is searched on.
+    """
+
+    largest_advance: float = number(
+        0.2,
+        0.0,
+        1e4,
+        "by which a fit horizon advances at most in one step; 0: horizons stay as they are given, "
+        "and so does the spread of initial spins; set by hand",
+        unit="s",
+    )
+    scan_steps: tuple[int, ...] = other(
+        (2, 5, 9, 14), "numbers of steps after which the fit scans each parameter; set by hand"
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+FIXED_HORIZONS = JointEstimationSettings(largest_advance=0.0, scan_steps=())
+"""Those of a fit up to given horizons, that scans nothing."""
+
+
 @dataclass(frozen=True, eq=False)
 class ObservationFit:
     """Result of a fit for one observation, from which another fit can begin.
@@ -89,8 +119,7 @@ class ObservationFit:
 class JointFit(Resumable):
     """Fits all trajectories, each from an initial state of its own and up to its fit horizon.
 
-    `largest_advance` s, as the constant that is its default; `blocks` the stated ones of a model of
-    the same observations; None: they are made.
+    `blocks` the stated ones of a model of the same observations; None: they are made.
 
     Attributes
     ----------
@@ -107,11 +136,12 @@ class JointFit(Resumable):
     def __init__(
         self,
         task: FitTask,
-        largest_advance: float = LARGEST_ADVANCE,
+        settings: JointEstimationSettings,
         blocks: list[ObservationBlock] | None = None,
     ) -> None:
+        self.settings = settings
         self.prior = task.prior
-        self.model = TrajectoryModel(task, largest_advance, blocks)
+        self.model = TrajectoryModel(task, settings.largest_advance, blocks)
         self.estimate = self.model.initial_estimate()
         self.weights = task.weights
         self.responsive = np.zeros(self.unit.size, dtype=bool)
@@ -138,7 +168,7 @@ class JointFit(Resumable):
     @property
     def _fixed(self) -> bool:
         """Whether fit horizons and the spread of initial spins stay as they are given."""
-        return self.model.largest_advance == FIXED_HORIZONS
+        return self.settings.largest_advance == 0.0
 
     @property
     def held_simulations(self) -> float:
@@ -287,6 +317,8 @@ class JointFit(Resumable):
         The parts are those of `docs/method/joint_estimation.md`, in the order of a step.
         """
         linear = self.model.linearised(self.estimate)
+        if self.steps in self.settings.scan_steps and self._leave_local_optima(linear):
+            linear = self.model.linearised(self.estimate)
         self.steps += 1
         equations = self.model.equations(self.estimate, linear)
         eliminated = [each.eliminated() for each in equations]
@@ -342,8 +374,11 @@ class JointFit(Resumable):
                 evidence.add_all(likelihood, float(weight))
             part.deviations = np.sqrt(np.einsum("wdd->wd", covariances))
             spreads = equation.spreads(slopes, left, posterior)
-            advance = self.model.largest_advance
-            goals.append(advanced_horizons(block, slopes, spreads, part.horizons, advance))
+            goals.append(
+                advanced_horizons(
+                    block, slopes, spreads, part.horizons, self.settings.largest_advance
+                )
+            )
         return goals, evidence
 
     def _take_best_damped_step(
@@ -388,3 +423,21 @@ class JointFit(Resumable):
             misfits += int((part.misfits & counted[block.members]).sum())
         self.misfits = misfits / max(int(counted.sum()), 1)
         return advanced
+
+    def _leave_local_optima(self, linear: Sequence[Linearisation]) -> bool:
+        """Move parameters to where on their range they fit better; return whether any moved."""
+        rises, state_estimates = scanned(
+            self.model, self.estimate, linear, SCAN_LEVELS, self.weights
+        )
+        levels = np.argmin(rises, axis=1)
+        moves = compatible_moves(-rises.min(axis=1), self.model.task.influence)
+        for (block, part), estimates in zip(
+            self.model.parts(self.estimate), state_estimates, strict=True
+        ):
+            for parameter in moves:
+                rows, columns = np.nonzero(block.parameters == parameter)
+                part.estimate[rows] = estimates[columns, levels[parameter], rows]
+        unit = self.estimate.unit.copy()
+        unit[moves] = np.array(SCAN_LEVELS)[levels[moves]]
+        self.estimate.unit = unit
+        return bool(moves)

@@ -22,7 +22,7 @@ from intuitive_physics.parameter_space import parameter_vector
 from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
 from intuitive_physics_learner.joint_estimation.linearisation import Linearisation
 from intuitive_physics_learner.joint_estimation.normal_equations import reduced_equations
-from intuitive_physics_learner.joint_estimation.profile_rises import profile_rises
+from intuitive_physics_learner.joint_estimation.scans import scanned
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.search_space import SearchSpace
 
@@ -119,8 +119,9 @@ def plausible_moves(fit: JointFit, first: NDArray[np.float64]) -> NDArray[np.flo
         if not going_on.any():
             break
         away = moves * (-1.0, 1.0)
-        places = unit[:, None] + away
-        rises = profile_rises(model, estimate, linear, places, fit.weights, going_on)
+        rises, _ = scanned(
+            model, estimate, linear, unit[:, None] + away, fit.weights, going_on, present_too=True
+        )
         plausible = rises - bounds.rises(unit, away) < LARGEST_MOVE_RISE
         inner = np.where(going_on[:, None] & plausible, moves, inner)
         outer = np.where(going_on[:, None] & ~plausible, moves, outer)
@@ -154,7 +155,9 @@ def _plausible_plateaus(
         return left
     away = np.hstack([sides * room, sides * 0.5 * (inner + room)])
     places = unit[:, None] + away
-    changes = profile_rises(fit.model, fit.estimate, linear, places, fit.weights, asked)
+    changes, _ = scanned(
+        fit.model, fit.estimate, linear, places, fit.weights, asked, present_too=True
+    )
     changes -= fit.prior.rises(unit, away)
     at_bound = changes[:, :2]
     slack = np.maximum(LARGEST_PLATEAU_RISE, LARGEST_PLATEAU_SHARE * at_bound)

@@ -24,6 +24,7 @@ from intuitive_physics.parameter_posterior import UNIFORM_PRECISION
 from intuitive_physics_learner.joint_estimation.joint_fit import (
     FIXED_HORIZONS,
     LARGEST_VOTE,
+    JointEstimationSettings,
     JointFit,
 )
 from intuitive_physics_learner.joint_estimation.observation_blocks import observation_blocks
@@ -33,7 +34,7 @@ from intuitive_physics_learner.search.plain_state import Resumable
 
 STARTS = 4
 """Fits that begin, the first at the start of the task; set by hand: within the 4 s of a small
-set, six and eight did no better."""
+set, six and eight that do not scan their parameters in the first steps did no better."""
 
 DROP_STEPS = 4
 """Steps after which all but the best fits are dropped: then horizons are about 1 s; set by hand."""
@@ -134,13 +135,14 @@ class SeveralStarts(Resumable):
     starts : (n_fits, n) where each began
     steps : that the fits have taken
     spread : (n,) widths², mean square of the differences of other fits from the best one, each
-        weighted by its evidence, of which `CHANCE_EVIDENCE` is chance where the best one does not
-        explain all motions to their ends; zero before `choose`
+        weighted by its evidence, of which `CHANCE_EVIDENCE` is chance; zero before `choose`
     """
 
     remembered = ("starts", "steps", "_dropped_simulations", "spread")
 
-    def __init__(self, task: FitTask, starts: NDArray[np.float64]) -> None:
+    def __init__(
+        self, task: FitTask, settings: JointEstimationSettings, starts: NDArray[np.float64]
+    ) -> None:
         self.task = task
         self.starts = starts
         self.steps = 0
@@ -150,7 +152,7 @@ class SeveralStarts(Resumable):
         blocks = observation_blocks(task.cost.observations, task.influence)
         self.fits = []
         for start in starts:
-            fit = JointFit(task, blocks=blocks)
+            fit = JointFit(task, settings, blocks)
             fit.begin_at(start, task.prior.deviations, nothing)
             self.fits.append(fit)
 
@@ -212,9 +214,7 @@ class SeveralStarts(Resumable):
         """Let the fit of the largest evidence be best; `beyond` in s as in `compared_evidences`."""
         if len(self.fits) > 1:
             evidences = self._order(compared_evidences(self.task, self.fits, beyond=beyond))
-            ends_early = self.task.counted & (self.best.horizons < durations(self.best))
-            chance = CHANCE_EVIDENCE if ends_early.any() else 1.0
-            weights = np.exp((evidences - evidences[0]) / chance)
+            weights = np.exp((evidences - evidences[0]) / CHANCE_EVIDENCE)
             apart = np.array([fit.unit for fit in self.fits]) - self.best.unit
             self.spread = weights @ apart**2 / weights.sum()
 

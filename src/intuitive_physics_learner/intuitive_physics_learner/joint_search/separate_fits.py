@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from intuitive_physics.observation import Observation
 from intuitive_physics.shapes import Sphere
 from intuitive_physics_learner.joint_estimation.fit_horizons import FIRST_DURATION
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
 from intuitive_physics_learner.joint_estimation.several_starts import durations
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import FitTask
@@ -63,7 +63,7 @@ class FitOf:
         `members` (n_members,) indices of the observations.
         """
         parameters = np.flatnonzero(task.influence[members].any(axis=0))
-        fit = JointFit(task.part(members, parameters))
+        fit = JointFit(task.part(members, parameters), JointEstimationSettings())
         return FitOf(members, parameters, fit)
 
 

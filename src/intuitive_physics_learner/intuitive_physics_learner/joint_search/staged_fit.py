@@ -19,7 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.simulation.shares import mapped_in_shares
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit, ObservationFit
+from intuitive_physics_learner.joint_estimation.joint_fit import (
+    JointEstimationSettings,
+    JointFit,
+    ObservationFit,
+)
 from intuitive_physics_learner.joint_estimation.several_starts import SeveralStarts, durations
 from intuitive_physics_learner.joint_search.segment_stage import SegmentStage
 from intuitive_physics_learner.joint_search.separate_fits import FitOf, SeparateFits, all_alone
@@ -67,7 +71,10 @@ class StagedFit(Resumable):
         starts = task.prior.mean[None] if starts is None else starts
         self._separate = SeparateFits(task, end_early=in_segments is not None)
         has_parts = bool(self._separate.parts)
-        self.jointly = SeveralStarts(task, starts[:1] if has_parts else starts)
+        settings = JointEstimationSettings()
+        # A scan takes as long as four steps, and separate fits have scanned their parameters.
+        self._ahead = replace(settings, scan_steps=()) if has_parts else settings
+        self.jointly = SeveralStarts(task, self._ahead, starts[:1] if has_parts else starts)
         self._lone_group = not has_parts and all_alone(task.cost.observations)
         self._segments = SegmentStage(in_segments if has_parts or self._lone_group else None)
         self._together: FitOf | None = None
@@ -262,7 +269,7 @@ class StagedFit(Resumable):
         for member in self._segments.known_members:
             states[member] = None
         starts = np.where(unit == before.unit, self.jointly.starts[:1], unit)
-        self.jointly = SeveralStarts(self.task, starts)
+        self.jointly = SeveralStarts(self.task, self._ahead, starts)
         self.joint.begin_at(unit, np.minimum(before.deviations, prior.deviations), states)
         self.joint.responsive |= before.responsive
         self.joint.misfits = before.misfits

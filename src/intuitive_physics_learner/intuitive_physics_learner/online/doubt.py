@@ -29,6 +29,10 @@ from intuitive_physics_learner.online.online_state import Member, OnlineState, S
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.store.observation_entries import DOUBTFUL, USED, Assessment
 
+FREE_SCANS = (2, 5)
+"""Numbers of steps after which a lone fit that knows nothing of θ_s scans each parameter; set by
+hand."""
+
 CONFLICT = 7.0
 """Logarithm of the ratio of evidences, of what is not bound by what is known to what is, from which
 on an observation contradicts what is known: odds of a thousand to one."""
@@ -75,7 +79,7 @@ def examine(
     good = doubt.status == USED
     if good and not fit.blocked:
         return Examined(fit, fit.member(number, signs), None)
-    free = LoneFit(cost, state, Gaussian.within_bounds(state.prior.mean))
+    free = LoneFit(cost, state, Gaussian.within_bounds(state.prior.mean), scans=FREE_SCANS)
     horizon = max(free.observation_fit.horizon, fit.observation_fit.horizon)
     gain = free.log_evidence(horizon) - fit.log_evidence(horizon)
     if gain > CONFLICT:

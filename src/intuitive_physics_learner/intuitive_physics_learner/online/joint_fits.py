@@ -12,7 +12,7 @@ from intuitive_physics.observation import Observation
 from intuitive_physics.simulation import Simulator
 from intuitive_physics_learner.cost.cost_function import TrajectoryCost
 from intuitive_physics_learner.cost.point_noise import detected
-from intuitive_physics_learner.joint_estimation.joint_fit import LARGEST_ADVANCE, JointFit
+from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
 from intuitive_physics_learner.joint_estimation.profiles import curvature_posterior, one_sided_moves
 from intuitive_physics_learner.joint_estimation.several_starts import (
     DROP_STEPS,
@@ -22,7 +22,7 @@ from intuitive_physics_learner.joint_estimation.several_starts import (
 from intuitive_physics_learner.joint_search.separate_fits import tumbles
 from intuitive_physics_learner.joint_search.staged_fit import StagedFit
 from intuitive_physics_learner.online.change_point import change_probability
-from intuitive_physics_learner.online.lone_fit import KNOWN_ADVANCE
+from intuitive_physics_learner.online.lone_fit import LARGEST_ADVANCE
 from intuitive_physics_learner.online.memory import RECENT, age_weight
 from intuitive_physics_learner.online.online_state import Member, OnlineState, Refitted
 from intuitive_physics_learner.online.options import OnlineOptions
@@ -72,12 +72,9 @@ class JointProblem:
     prior: Gaussian
     task: FitTask
 
-    def fit_from(self, known: Gaussian, largest_advance: float = LARGEST_ADVANCE) -> JointFit:
-        """Return a fit that begins at what is known, with the initial states found last.
-
-        `largest_advance` s, as `JointFit`.
-        """
-        fit = JointFit(self.task, largest_advance)
+    def fit_from(self, known: Gaussian, settings: JointEstimationSettings) -> JointFit:
+        """Return a fit that begins at what is known, with the initial states found last."""
+        fit = JointFit(self.task, settings)
         unit = np.clip(known.mean, 0.0, 1.0)[self.parameters]
         states = [member.fit for member in self.members]
         fit.begin_at(unit, known.deviations[self.parameters], states)
@@ -150,7 +147,8 @@ class JointFits:
             state.add_up()
             return
         problem = self._problem(fitted, observations, before)
-        fit = problem.fit_from(self._present, KNOWN_ADVANCE)
+        settings = JointEstimationSettings(largest_advance=LARGEST_ADVANCE, scan_steps=())
+        fit = problem.fit_from(self._present, settings)
         saved = left - WINDOW_SHARE * self.options.seconds * new if np.isfinite(left) else 0.0
         self._run(fit, WINDOW_STEPS, saved)
         problem.take_over(fit)
@@ -169,7 +167,9 @@ class JointFits:
         begun = [self._present]
         if state.published is not None and has_moved_far(state):
             begun.append(state.published_information.bounded(state.centre))
-        continued = [problem.fit_from(each) for each in begun]
+        continued = [
+            problem.fit_from(each, JointEstimationSettings(scan_steps=())) for each in begun
+        ]
         before = self.seconds_left()
         for fit in continued:
             self._run(fit, CONTINUED_STEPS)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from intuitive_physics_learner.cost.cost_function import Cost
 from intuitive_physics_learner.joint_estimation.joint_fit import (
-    LARGEST_ADVANCE,
+    JointEstimationSettings,
     JointFit,
     ObservationFit,
 )
@@ -16,7 +16,7 @@ from intuitive_physics_learner.search.gaussian import Gaussian
 
 LONE_STEPS = 24
 """Joint steps in which one observation is fitted by itself at most; set by hand: with
-`KNOWN_ADVANCE` they suffice for 10 s of motion."""
+`largest_advance` they suffice for 10 s of motion."""
 
 RETRY_STEPS = 60
 """Joint steps of a second, more careful fit of an observation that cannot be explained; set by
@@ -26,7 +26,7 @@ MISFIT_STEPS = 4
 """Number of last steps of a lone fit in which a misfit means that the motion cannot be explained
 farther: an advance beyond what can be explained ends in a misfit every other step or third."""
 
-KNOWN_ADVANCE = 0.5
+LARGEST_ADVANCE = 0.5
 """Largest advance of a fit horizon in one step, s: more than in a fit that begins with nothing, for
 what is known predicts farther; set by hand."""
 
@@ -42,11 +42,20 @@ class LoneFit:
     """
 
     def __init__(
-        self, cost: Cost, state: OnlineState, prior: Gaussian, *, careful: bool = False
+        self,
+        cost: Cost,
+        state: OnlineState,
+        prior: Gaussian,
+        *,
+        scans: tuple[int, ...] = (),
+        careful: bool = False,
     ) -> None:
         (self.observation,) = cost.observations
         self._parameters, self._task = state.fit_task(cost, prior)
-        self.fit = JointFit(self._task, LARGEST_ADVANCE if careful else KNOWN_ADVANCE)
+        settings = JointEstimationSettings(scan_steps=scans)
+        if not careful:
+            settings = replace(settings, largest_advance=LARGEST_ADVANCE)
+        self.fit = JointFit(self._task, settings)
         since = MISFIT_STEPS
         for _ in range(RETRY_STEPS if careful else LONE_STEPS):
             if self.fit.settled:

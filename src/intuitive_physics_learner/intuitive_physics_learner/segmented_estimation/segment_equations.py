@@ -67,20 +67,13 @@ class SegmentEquations:
 
         `damping` : the part by which diagonals are enlarged.
         """
-        blocks = self.blocks.copy()
-        diagonal = np.arange(COMPONENTS)
-        blocks[..., diagonal, diagonal] *= 1.0 + damping
+        pivots, gains = self._pivots(damping)
         right = np.concatenate([self.parameter_blocks, self.gradients[..., None]], axis=-1)
         for k in range(1, right.shape[1]):
-            after = np.concatenate([self.next_blocks[:, k - 1], right[:, k - 1]], axis=-1)
-            solved = np.linalg.solve(blocks[:, k - 1], after)
-            across = self.next_blocks[:, k - 1].swapaxes(1, 2)
-            blocks[:, k] -= across @ solved[..., :COMPONENTS]
-            right[:, k] -= across @ solved[..., COMPONENTS:]
-        for k in reversed(range(right.shape[1])):
-            if k + 1 < right.shape[1]:
-                right[:, k] -= self.next_blocks[:, k] @ right[:, k + 1]
-            right[:, k] = np.linalg.solve(blocks[:, k], right[:, k])
+            right[:, k] += gains[:, k - 1].swapaxes(1, 2) @ right[:, k - 1]
+        right = np.linalg.solve(pivots, right)
+        for k in reversed(range(right.shape[1] - 1)):
+            right[:, k] += gains[:, k] @ right[:, k + 1]
         return right[..., :-1], right[..., -1]
 
     def eliminated(self) -> Elimination:
@@ -107,18 +100,30 @@ class SegmentEquations:
     @property
     def smoothed(self) -> SmoothedStates:
         """What is known of each state, its neighbours free."""
-        blocks, gains, before = self.blocks.copy(), *np.zeros((2, *self.blocks.shape))
-        for k in range(1, blocks.shape[1]):
-            across = self.next_blocks[:, k - 1]
-            gains[:, k - 1] = -np.linalg.solve(blocks[:, k - 1], across)
-            gained = across.swapaxes(1, 2) @ gains[:, k - 1]
-            blocks[:, k] += gained
-            before[:, k] = self.link_precisions[:, k - 1, :, None] * np.eye(COMPONENTS) + gained
-        covariances = np.asarray(np.linalg.inv(blocks), dtype=np.float64)
-        for k in reversed(range(blocks.shape[1] - 1)):
+        pivots, gains = self._pivots()
+        links = self.link_precisions[..., None] * np.eye(COMPONENTS)
+        before = np.zeros_like(pivots)
+        before[:, 1:] = (links + self.next_blocks.swapaxes(2, 3) @ gains)[:, :-1]
+        covariances = np.asarray(np.linalg.inv(pivots), dtype=np.float64)
+        for k in reversed(range(pivots.shape[1] - 1)):
             gain = gains[:, k]
             covariances[:, k] += gain @ covariances[:, k + 1] @ gain.swapaxes(1, 2)
         return SmoothedStates(covariances, before, gains)
+
+    def _pivots(self, damping: float = 0.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Eliminate one state after the other, diagonals larger by a part `damping`.
+
+        Returns the block (A, K, 12, 12) of each state without those before it, and the change (A,
+        K, 12, 12) of each state with that of the next one; of the last with none.
+        """
+        pivots, gains = self.blocks.copy(), np.zeros_like(self.blocks)
+        diagonal = np.arange(COMPONENTS)
+        pivots[..., diagonal, diagonal] *= 1.0 + damping
+        for k in range(1, pivots.shape[1]):
+            across = self.next_blocks[:, k - 1]
+            gains[:, k - 1] = -np.linalg.solve(pivots[:, k - 1], across)
+            pivots[:, k] += across.swapaxes(1, 2) @ gains[:, k - 1]
+        return pivots, gains
 
 
 def segment_equations(

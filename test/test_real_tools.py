@@ -270,7 +270,7 @@ def test_two_robots_replay_side_by_side(home, bag) -> None:
             assert len(predictions) > 10
             # A second clock or camera would make time go back again and again.
             assert "time went back" not in launch.output
-            assert launch.interrupt() < LONGEST_END
+            assert launch.interrupt() < LONGEST_END, launch.output
             assert launch.wait() == 0
             assert launch.left_behind() == []
             assert launch.failed() == [], launch.output
@@ -321,7 +321,7 @@ def test_a_node_that_was_killed_comes_back_with_what_it_knew(home) -> None:
             "intuitive_physics_msgs/srv/GetStaticParameters",
         )
         assert "densities=[777.0]" in answer, answer
-        assert launch.interrupt() < LONGEST_END
+        assert launch.interrupt() < LONGEST_END, launch.output
         assert launch.left_behind() == []
 
 
@@ -331,7 +331,7 @@ def test_ctrl_c_at_the_start_is_a_clean_end(tmp_path, delay) -> None:
     with Ros2Process(tmp_path, *LAUNCH) as launch:
         launch.wait_for("process started with pid", count=3)
         time.sleep(delay)
-        assert launch.interrupt() < LONGEST_END
+        assert launch.interrupt() < LONGEST_END, launch.output
         assert launch.wait() == 0
         assert launch.left_behind() == []
     assert "Traceback" not in launch.output
@@ -357,7 +357,7 @@ def test_a_manager_leads_the_nodes(home) -> None:
                 said = ros2(home, "lifecycle", "set", name, transition)
                 assert "Transitioning successful" in said
             assert state in ros2(home, "lifecycle", "get", led[0])
-        assert launch.interrupt() < LONGEST_END
+        assert launch.interrupt() < LONGEST_END, launch.output
         assert launch.failed() == [], launch.output
 
 
@@ -409,7 +409,7 @@ def test_search_gives_feedback_and_is_cancelled(home) -> None:
             )
             assert "return_code=0" in said
             asked.wait_for("Goal finished with status: CANCELED", timeout=5.0)
-        assert launch.interrupt() < LONGEST_END
+        assert launch.interrupt() < LONGEST_END, launch.output
         assert launch.failed() == [], launch.output
 
 
@@ -440,5 +440,5 @@ def test_each_argument_of_launch_counts(home) -> None:
         variables = [Path(f"/proc/{pid}/environ").read_text() for pid in launch.children]
         assert all("--enclave\0/mine/" in command for command in commands)
         assert all("ROS_STATIC_PEERS=127.0.0.1;127.0.0.2\0" in text for text in variables)
-        assert launch.interrupt() < LONGEST_END
+        assert launch.interrupt() < LONGEST_END, launch.output
         assert launch.failed() == [], launch.output

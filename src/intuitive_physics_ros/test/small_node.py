@@ -1,5 +1,6 @@
 """A node as small as can be, run by `test_run_node.py` in a process of its own."""
 
+import ctypes
 import multiprocessing
 import sys
 import time
@@ -71,6 +72,9 @@ class SmallNode(Node):
         print("closed", flush=True)
         if "--slow-end" in sys.argv:
             time.sleep(60.0)
+        if "--locked-end" in sys.argv:
+            # With Python's lock, as calls of the middleware are.
+            ctypes.PyDLL(None).sleep(60)
         super().destroy_node()
 
 

@@ -115,6 +115,14 @@ def test_node_ends_at_any_moment(start, caller, place):
     assert "Traceback" not in node.output
 
 
+def test_a_node_that_hangs_with_the_lock_of_python_ends_and_says_where(start):
+    node = start("--locked-end")
+    node.wait_for("ready")
+    assert node.stop(signal.SIGINT) == 1
+    assert "small_node.py" in node.output
+    assert "in destroy_node" in node.output
+
+
 def test_an_unexpected_error_is_reported_once_and_leaves_it_alive(start, caller):
     node, levels = start(), []
     node.wait_for("ready")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import pwd
 import re
@@ -47,6 +48,10 @@ END_OF_SPINNING = (ConditionReachedException, ExternalShutdownException, Shutdow
 STOP_LIMIT = 1.7
 """s from the first signal after which the process ends whatever it is doing. Nodes promise to end
 within 2 s; the rest is for a busy machine."""
+
+HANG_LIMIT = STOP_LIMIT + 0.8
+"""s after which the process ends if the middleware waits for ever with Python's lock: then nothing
+in Python can end it, and launch would kill it after ten seconds."""
 
 SWITCH_INTERVAL = 5e-4
 """s after which a waiting thread gets Python; the default is 5 ms. A callback needs it again after
@@ -191,7 +196,8 @@ def _explain(error: Exception) -> int:
 class StopSignal:
     """Is set by the first SIGINT or SIGTERM of this process; later ones change nothing.
 
-    `STOP_LIMIT` after it the process ends with code 0, if it is still there.
+    `STOP_LIMIT` after it the process ends with code 0, if it is still there; `HANG_LIMIT` after it
+    with code 1, and the places where its threads were, if it hangs with Python's lock.
 
     rclpy's own handlers end its context at once, under the feet of callbacks and threads that
     publish. With this one everything still works until the node has been destroyed.
@@ -234,6 +240,8 @@ class StopSignal:
 
     def _await(self) -> None:
         self._arrivals.recv(1)
+        # Its clock needs no lock of Python; it writes where each thread was.
+        faulthandler.dump_traceback_later(HANG_LIMIT, exit=True)
         with self._lock:
             self._event.set()
             # An executor that was shut down meanwhile has nobody left to wake.

@@ -16,6 +16,7 @@ from intuitive_physics_learner.joint_search import joint_search, separate_fits
 from intuitive_physics_learner.joint_search.joint_search import JointSearch
 from intuitive_physics_learner.joint_search.separate_fits import tumbles
 from intuitive_physics_learner.joint_search.staged_fit import StagedFit
+from intuitive_physics_learner.online import joint_fits
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.search.convergence import StopReason
@@ -320,6 +321,18 @@ def test_a_search_is_exhausted_only_when_all_stages_have_converged(
     outcome = search.run(ConvergenceCriteria(max_iterations=None, time_limit=100.0))
     assert outcome.stop_reason is StopReason.EXHAUSTED
     assert search._staged.settled
+
+
+def test_what_was_learned_in_segments_stays_there(event_driven, seen, monkeypatch):
+    """Also where a fit of single states that begins at the result gets far."""
+    learner = StorelessLearner(event_driven, OnlineOptions())
+    state, throws = learner.state, [*seen[0]]
+    while len(state.kept) < 4 or not all(member.in_segments for member in state.kept):
+        learner.learn_from(throws.pop(0))
+    monkeypatch.setattr(joint_fits, "tumbles", lambda fit: False)
+    state.next_refit = 0
+    learner.learn_from(throws.pop(0))
+    assert all(member.in_segments for member in state.kept)
 
 
 def test_boxes_are_learned_online_in_segments(event_driven, seen, true_unit):

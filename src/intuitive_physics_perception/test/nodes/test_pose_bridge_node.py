@@ -158,7 +158,7 @@ def test_poses_become_states_and_an_observation(kind, make, message) -> None:
         check_state(states[-1], 100.0)
         assert not observations
         assert process.stop() == 0
-        peer.spin_until(lambda: observations, "an observation")
+        peer.spin_until(lambda: observations, f"an observation of what wrote {process.output}")
         observation = observation_from_message(observations[-1])
         assert [one.object.id for one in observation.objects] == ["box"]
 

@@ -127,12 +127,17 @@ class SeparateFits:
             part.fit.load_state(part_state)
 
 
-def tumbles(fit: JointFit) -> bool:
-    """Whether a fit got so little far in throws of single objects that motion must be chaotic."""
+def may_tumble(fit: JointFit) -> bool:
+    """Whether a fit is to enough throws of single objects, none of them a sphere."""
     observations = fit.model.cost.observations
     if len(observations) < FEWEST_IN_SEGMENTS or not all_alone(observations):
         return False
-    if any(isinstance(each.objects[0].object.shape, Sphere) for each in observations):
+    return not any(isinstance(each.objects[0].object.shape, Sphere) for each in observations)
+
+
+def tumbles(fit: JointFit) -> bool:
+    """Whether a fit got so little far in throws of single objects that motion must be chaotic."""
+    if not may_tumble(fit):
         return False
     possible = FIRST_DURATION + SEPARATE_STEPS * fit.model.largest_advance
     share = (fit.horizons / np.minimum(durations(fit), possible)).mean()

@@ -19,7 +19,7 @@ from intuitive_physics_learner.joint_estimation.several_starts import (
     STARTS,
     drawn_starts,
 )
-from intuitive_physics_learner.joint_search.separate_fits import all_alone, tumbles
+from intuitive_physics_learner.joint_search.separate_fits import may_tumble, tumbles
 from intuitive_physics_learner.joint_search.staged_fit import StagedFit
 from intuitive_physics_learner.online.change_point import change_probability
 from intuitive_physics_learner.online.lone_fit import LARGEST_ADVANCE
@@ -205,7 +205,7 @@ class JointFits:
         state, fit = self.state, fits[0]
         # From what segments have led to, a fit of single states may get far.
         began_there = any(member.in_segments for member in problem.members)
-        if not (tumbles(fit) or (began_there and all_alone(fit.model.cost.observations))):
+        if not (tumbles(fit) or (began_there and may_tumble(fit))):
             return False
         simulated = sum(each.model.simulations for each in fits)
         if self.seconds_left() < segment_simulations(fit) * seconds / simulated:

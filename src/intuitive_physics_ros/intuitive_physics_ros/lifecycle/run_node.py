@@ -240,7 +240,7 @@ class StopSignal:
 
     def _await(self) -> None:
         self._arrivals.recv(1)
-        # Its clock needs no lock of Python; it writes where each thread was.
+        # This clock needs no lock of Python.
         faulthandler.dump_traceback_later(HANG_LIMIT, exit=True)
         with self._lock:
             self._event.set()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from intuitive_physics_learner import ConvergenceCriteria, TrajectoryCost
 from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
 from intuitive_physics_learner.joint_search import joint_search, separate_fits
 from intuitive_physics_learner.joint_search.joint_search import JointSearch
-from intuitive_physics_learner.joint_search.separate_fits import tumbles
+from intuitive_physics_learner.joint_search.separate_fits import may_tumble, tumbles
 from intuitive_physics_learner.joint_search.staged_fit import StagedFit
 from intuitive_physics_learner.online import joint_fits
 from intuitive_physics_learner.online.online_state import OnlineState
@@ -360,3 +361,44 @@ def test_boxes_are_learned_online_in_segments(event_driven, seen, true_unit):
         error = abs(pair[name] - true_pair[name])
         assert error < 4.0 * published.standard_deviations[places[coefficient]]
         assert error < 0.05
+
+
+@pytest.mark.parametrize("materials", [("ball", "wood"), ("ball", "wood", "rubber")])
+def test_each_object_is_learned_by_itself(
+    materials, event_driven, seen, throws, true_parameters, monkeypatch
+):
+    """Two boxes in segments, and a ball, thrown in turn: nothing ties the parameters of one to
+    those of another, and true restitutions are within four deviations of what is known."""
+    # Throws of two seconds do not show of every box that it tumbles.
+    monkeypatch.setattr(joint_fits, "tumbles", may_tumble)
+    other = TRUE.with_pair("ball", "floor", dynamic_friction=0.2, restitution=0.6)
+    others, _ = box_throws(event_driven, other, 6, NOISE, np.random.default_rng(5))
+    balls = throws(6, seed=1, noise=0.003)
+    learner = StorelessLearner(event_driven, OnlineOptions())
+    state = learner.state
+    for k, throw in enumerate(zip(seen[0], others, balls, strict=False)):
+        named = zip(throw, materials, strict=False)
+        learner.learn_from_all([of(each, name, f"{name} {k}") for each, name in named])
+        if any(member.in_segments for member in state.kept):
+            break
+    for member in state.kept:
+        assert member.in_segments != member.id.startswith("rubber")
+    families = [state.families[tuple(sorted((name, "floor")))] for name in materials]
+    for own, beside in itertools.permutations(families, 2):
+        assert not state.posterior.precision[np.ix_(own, beside)].any()
+    true = StaticParameters.uniform(state.materials)
+    for name, its in zip(materials, (TRUE, other, true_parameters), strict=False):
+        restitution = its.pair("ball", "floor")["restitution"]
+        true = true.with_pair(name, "floor", restitution=restitution)
+    restitutions = [family[3] for family in families]
+    errors = np.abs(state.unit - state.space.to_unit(true))[restitutions]
+    assert (errors < 4.0 * state.prior.deviations[restitutions]).all()
+    assert (errors < 0.05).all()
+
+
+def of(observation, material, name):
+    """The same motion of an object of another material."""
+    (thrown,) = observation.objects
+    named = replace(thrown.object, id=material, material=material)
+    observed = replace(thrown, object=named)
+    return replace(observation, objects=(observed,), id=name)

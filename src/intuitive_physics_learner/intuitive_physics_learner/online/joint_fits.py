@@ -19,7 +19,12 @@ from intuitive_physics_learner.joint_estimation.several_starts import (
     STARTS,
     drawn_starts,
 )
-from intuitive_physics_learner.joint_search.separate_fits import may_tumble, tumbles
+from intuitive_physics_learner.joint_search.separate_fits import (
+    all_alone,
+    may_tumble,
+    separable,
+    tumbles,
+)
 from intuitive_physics_learner.joint_search.staged_fit import StagedFit
 from intuitive_physics_learner.online.change_point import change_probability
 from intuitive_physics_learner.online.lone_fit import LARGEST_ADVANCE
@@ -80,6 +85,16 @@ class JointProblem:
         fit.begin_at(unit, known.deviations[self.parameters], states)
         return fit
 
+    def part_of(self, fit: JointFit, whole: JointProblem) -> JointFit:
+        """Return a fit that begins where one to a problem is that has these observations, too."""
+        places = np.searchsorted(whole.parameters, self.parameters)
+        rows = [whole.members.index(member) for member in self.members]
+        fits = fit.observation_fits()
+        part = JointFit(self.task, JointEstimationSettings(scan_steps=()))
+        part.begin_at(fit.unit[places], fit.deviations[places], [fits[row] for row in rows])
+        part.weights = fit.weights[rows]
+        return part
+
     def take_over(self, fit: JointFit) -> None:
         """Let what a fit has found of the members be what is known of them."""
         state, parameters, prior = self.state, self.parameters, self.prior
@@ -119,6 +134,15 @@ class JointProblem:
         state.add_up()
 
 
+def lone_groups(problem: JointProblem) -> list[list[Member]]:
+    """Return those that moved alone, by groups without a common parameter."""
+    observations, count = problem.task.cost.observations, len(problem.members)
+    groups = separable(observations, problem.task.influence)
+    if not groups and all_alone(observations):
+        groups = [np.arange(count)]
+    return [[problem.members[k] for k in group.tolist()] for group in groups]
+
+
 @dataclass(frozen=True, eq=False)
 class JointFits:
     """Fits what a state keeps; `seconds_left` of CPU time is called between steps."""
@@ -156,26 +180,53 @@ class JointFits:
     def refit(self, observations: Mapping[str, Observation]) -> None:
         """Fit all observations that are kept as a search does, and begin again from the best fit.
 
-        The starts are the present estimate, what is published where that is far away, what was
-        known before all observations, and points drawn from that.
+        Throws of objects that tumble are fitted in segments, each object by itself, and the others
+        by what these say.
         """
         state = self.state
-        state.next_refit = 2 * (state.used - state.begun)
+        learned = state.used - state.begun
+        state.next_refit = 2 * learned
         if not state.kept:
             return
         problem = self._problem(state.kept, observations, state.ground)
-        begun = [self._present]
-        if state.published is not None and has_moved_far(state):
-            begun.append(state.published_information.bounded(state.centre))
-        continued = [
-            problem.fit_from(each, JointEstimationSettings(scan_steps=())) for each in begun
-        ]
         before = self.seconds_left()
-        for fit in continued:
+        continued = self._continued(problem)
+        simulated = sum(fit.model.simulations for fit in continued)
+        seconds = (before - self.seconds_left()) / simulated if np.isfinite(before) else 0.0
+        state.spread = np.zeros(state.unit.size)
+        known, others = state.ground, problem.members
+        for members in lone_groups(problem):
+            alone = self._problem(members, observations, known)
+            if self._fitted_in_segments(alone, alone.part_of(continued[0], problem), seconds):
+                known = known.plus([member.likelihood for member in members], [1.0] * len(members))
+                others = [member for member in others if member not in members]
+        if len(others) < len(problem.members):
+            state.next_refit = learned + max(RECENT, learned // 4)
+            if not others:
+                self._note_refit(state.unit.copy(), state.prior.deviations)
+                return
+            rest = self._problem(others, observations, known)
+            problem, continued = rest, [rest.part_of(fit, problem) for fit in continued]
+        self._refit_from_several_starts(problem, continued)
+
+    def _continued(self, problem: JointProblem) -> list[JointFit]:
+        """Return fits from the present estimate, and from what is published if that is far away."""
+        begun = [self._present]
+        if self.state.published is not None and has_moved_far(self.state):
+            begun.append(self.state.published_information.bounded(self.state.centre))
+        fits = [problem.fit_from(each, JointEstimationSettings(scan_steps=())) for each in begun]
+        for fit in fits:
             self._run(fit, CONTINUED_STEPS)
-        if self._fitted_in_segments(problem, continued, before - self.seconds_left()):
-            return
-        prior = problem.task.prior
+        return fits
+
+    def _refit_from_several_starts(
+        self, problem: JointProblem, continued: Sequence[JointFit]
+    ) -> None:
+        """Fit observations from what was known before all and points drawn from that, too.
+
+        The best of these fits and those from present estimates is taken over.
+        """
+        state, prior = self.state, problem.task.prior
         drawn = drawn_starts(prior, STARTS - 1, np.random.default_rng(state.used))
         staged = StagedFit(problem.task, np.array([prior.mean, *drawn]))
         self._run(staged, REFIT_STEPS)
@@ -185,43 +236,36 @@ class JointFits:
             staged.jointly.keep(0)
         for fit in continued:
             staged.jointly.add(fit)
-        state.spread = np.zeros(state.unit.size)
         staged.jointly.choose(COMPARED_BEYOND)
         state.spread[problem.parameters] = staged.jointly.spread
         problem.take_over(staged.joint)
         self._follow_profiles(problem, staged.joint)
         self._forget_what_disagrees()
         noted = begun_anew if begun_anew in staged.jointly.fits else staged.joint
-        self._note_refit(problem, noted.unit, noted.deviations)
+        unit, deviations = state.unit.copy(), state.prior.deviations
+        unit[problem.parameters] = noted.unit
+        deviations[problem.parameters] = noted.deviations
+        self._note_refit(unit, deviations)
 
-    def _fitted_in_segments(
-        self, problem: JointProblem, fits: Sequence[JointFit], seconds: float
-    ) -> bool:
-        """Fit throws of objects that tumble in segments, from the first of the fits to them.
+    def _fitted_in_segments(self, problem: JointProblem, fit: JointFit, seconds: float) -> bool:
+        """Fit throws of an object that tumbles in segments, from a fit to them.
 
-        `seconds` that these have taken. Returns whether that is taken over: others than throws of
-        single objects are kept, too, or there is not enough time, it is not.
+        `seconds` that a simulation of one of them has taken. Returns whether that is taken over:
+        where there is not enough time, it is not.
         """
-        state, fit = self.state, fits[0]
         # From what segments have led to, a fit of single states may get far.
         began_there = any(member.in_segments for member in problem.members)
         if not (tumbles(fit) or (began_there and may_tumble(fit))):
             return False
-        simulated = sum(each.model.simulations for each in fits)
-        if self.seconds_left() < segment_simulations(fit) * seconds / simulated:
+        if self.seconds_left() < segment_simulations(fit) * seconds:
             return False
-        segments = SegmentedFit(fit, self.simulator, np.random.default_rng(state.used))
+        segments = SegmentedFit(fit, self.simulator, np.random.default_rng(self.state.used))
         while not segments.finished and self.seconds_left() > 0.0:
             segments.step()
         if not segments.usable:
             return False
         problem.take_over(fit)
         problem.take_over_segments(segments)
-        state.spread[problem.parameters] = 0.0
-        parameters = problem.parameters
-        self._note_refit(problem, state.unit[parameters], state.prior.deviations[parameters])
-        learned = state.used - state.begun
-        state.next_refit = learned + max(RECENT, learned // 4)
         return True
 
     def _follow_profiles(self, problem: JointProblem, fit: JointFit) -> None:
@@ -231,22 +275,15 @@ class JointFits:
         state.free[parameters], ends = one_sided_moves(fit, deviations)
         state.flatness[parameters] = ends / deviations
 
-    def _note_refit(
-        self,
-        problem: JointProblem,
-        fitted: NDArray[np.float64],
-        fitted_deviations: NDArray[np.float64],
-    ) -> None:
-        """Remember what all observations led to, both (k,), beside what more of them lead to.
+    def _note_refit(self, unit: NDArray[np.float64], deviations: NDArray[np.float64]) -> None:
+        """Remember what all observations led to, both (n,), beside what more of them lead to.
 
         It has explained them better than what is published.
         """
-        state, parameters = self.state, problem.parameters
-        unit, deviations = state.unit.copy(), state.prior.deviations
-        unit[parameters], deviations[parameters] = fitted, fitted_deviations
+        state, count = self.state, len(self.state.kept)
         state.refitted = [*state.refitted[-1:], Refitted(state.used, unit, deviations)]
-        if len(problem.members) >= FEWEST_COMPARED:
-            state.begin_trial(len(problem.members))
+        if count >= FEWEST_COMPARED:
+            state.begin_trial(count)
 
     @property
     def _present(self) -> Gaussian:

@@ -40,6 +40,7 @@ from .camera_messages import (
     image_message,
     info_message,
     play,
+    play_answered,
     play_until,
     says,
     show_until,
@@ -120,7 +121,8 @@ def test_a_throw_gives_environment_states_and_one_observation(peer, images, node
     stamps = [divmod(start + step * k, 1_000_000_000) for k in range(len(throw(room)))]
     times = [seconds_from_stamp(Time(sec=sec, nanosec=nanosec)) for sec, nanosec in stamps]
     assert any(stamp_from_seconds(float(time)) != stamp_from_seconds(time) for time in times)
-    play(peer, images, [image_message(d, t) for d, t in zip(throw(room), times, strict=True)])
+    thrown = [image_message(d, t) for d, t in zip(throw(room), times, strict=True)]
+    play_answered(peer, images, thrown, states)
     peer.spin_until(lambda: observations, "an observation")
 
     message = environments[-1]
@@ -163,7 +165,9 @@ def test_time_that_jumps_back_restarts_the_tracker(peer, images, node, room) -> 
     observations = peer.listen(Observation, "intuitive_physics/observations", OBSERVATIONS)
     peer.spin_until(lambda: observations, "the first observation")
     before = len(observations)
-    play(peer, images, [image_message(d, 20.0 + STEP * k) for k, d in enumerate(throw(room))])
+    states = peer.listen(ObjectStates, "intuitive_physics/object_states", SENSOR_DATA)
+    thrown = [image_message(d, 20.0 + STEP * k) for k, d in enumerate(throw(room))]
+    play_answered(peer, images, thrown, states)
     peer.spin_until(lambda: len(observations) > before, "an observation of the second run")
     assert "time went back" in node.output
     ids = [seen.initial_state.id for message in observations for seen in message.objects]

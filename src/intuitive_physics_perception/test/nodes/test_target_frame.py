@@ -31,6 +31,7 @@ from .camera_messages import (
     image_message,
     info_message,
     play,
+    play_answered,
     play_until,
     throw,
     transform_stamped,
@@ -107,8 +108,17 @@ def test_environment_states_and_observations_are_in_the_target_frame(peer, node,
     play_until(
         peer, images, lambda time: image_message(empty, later + time), lambda: environments, "it"
     )
-    play(peer, images, [image_message(d, 200.0 + STEP * k) for k, d in enumerate(throw(room))])
+    play_answered(
+        peer,
+        images,
+        [image_message(d, 200.0 + STEP * k) for k, d in enumerate(throw(room))],
+        states,
+    )
     peer.spin_until(lambda: observations, "an observation")
+    peer.spin_until(
+        lambda: detections and detections[-1].header.stamp == states[-1].header.stamp,
+        "detections of the newest states",
+    )
 
     message = environments[-1]
     environment = environment_from_message(message)
@@ -129,8 +139,7 @@ def test_environment_states_and_observations_are_in_the_target_frame(peer, node,
     observation = observation_from_message(observations[-1])
     assert observation.environment.frame_id == "base_link"
     (ball,) = observation.objects
-    begun = 200.0 + STEP * (FRAMES + 2)
-    times = ball.trajectory.times - begun
+    times = ball.trajectory.times - (200.0 + STEP * (FRAMES + 2))
     expected = np.array([1.4, -0.4, 0.5]) + np.outer(times, [0.4, 0.9, 1.2])
     expected[:, 2] -= 0.5 * 9.81 * times**2
     assert BASE.points(ball.trajectory.positions) == pytest.approx(expected, abs=0.02)

@@ -86,7 +86,10 @@ class JointProblem:
         return fit
 
     def part_of(self, fit: JointFit, whole: JointProblem) -> JointFit:
-        """Return a fit that begins where one to a problem is that has these observations, too."""
+        """Return a fit that begins at another's present estimate.
+
+        `fit` of the problem `whole`, which contains these observations and parameters.
+        """
         places = np.searchsorted(whole.parameters, self.parameters)
         rows = [whole.members.index(member) for member in self.members]
         fits = fit.observation_fits()
@@ -135,7 +138,7 @@ class JointProblem:
 
 
 def lone_groups(problem: JointProblem) -> list[list[Member]]:
-    """Return those that moved alone, by groups without a common parameter."""
+    """Return the observations of single objects, in groups without a common parameter."""
     observations, count = problem.task.cost.observations, len(problem.members)
     groups = separable(observations, problem.task.influence)
     if not groups and all_alone(observations):

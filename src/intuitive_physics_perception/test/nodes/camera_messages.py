@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import array
-from contextlib import suppress
 from itertools import count
 
 import numpy as np
@@ -12,17 +11,15 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 from std_msgs.msg import Header
 
 from intuitive_physics.frames.change_of_frame import RigidTransform
-from intuitive_physics_ros.conversions import stamp_from_seconds
-from intuitive_physics_ros.scripting import PeerTimeoutError
+from intuitive_physics_ros.conversions import seconds_from_stamp, stamp_from_seconds
+
+from .answers import wait_for_states
 
 FRAMES = 4
 """From which the node models the environment."""
 
 STEP = 0.05
 """s from image to image."""
-
-ANSWERED = 1.0
-"""s after which an image without an answer is lost."""
 
 
 def image_message(depth: np.ndarray, time: float, **changes) -> Image:
@@ -107,17 +104,11 @@ def play(peer, publisher, messages) -> None:
         peer.spin_for(0.03)
 
 
-def play_answered(peer, images, messages, states) -> None:
-    """Publish each image once there are states of that before, or it must be lost: of best effort,
-    all but the newest images are lost where a node is busy for long."""
+def play_answered(peer, publisher, messages, states) -> None:
+    """Publish each message once there are states of that before, or it is lost."""
     for message in messages:
-        images.publish(message)
-
-        def answered(stamp=message.header.stamp) -> bool:
-            return bool(states) and states[-1].header.stamp == stamp
-
-        with suppress(PeerTimeoutError):
-            peer.spin_until(answered, "states", ANSWERED)
+        publisher.publish(message)
+        wait_for_states(peer, states, seconds_from_stamp(message.header.stamp))
 
 
 def play_until(peer, publisher, make, holds, what: str) -> None:

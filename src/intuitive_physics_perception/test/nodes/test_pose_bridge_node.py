@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -31,7 +31,9 @@ from intuitive_physics_ros.conversions import (
     stamp_from_seconds,
 )
 from intuitive_physics_ros.qos import LATCHED, OBSERVATIONS, SENSOR_DATA
-from intuitive_physics_ros.scripting import NodeProcess, Peer, PeerTimeoutError
+from intuitive_physics_ros.scripting import NodeProcess, Peer
+
+from .answers import wait_for_states
 
 MODULE = "intuitive_physics_perception.nodes.pose_bridge_node"
 PREDICTOR = "intuitive_physics_predictor.nodes.predictor_node"
@@ -44,9 +46,6 @@ START, VELOCITY, SPIN = np.array([0.0, 0.5, 0.8]), np.array([1.5, -0.5, 2.0]), 3
 
 THROWN, LANDS = 0.4, 0.6
 """s, the part of a throw that is always shown, and until when the box flies."""
-
-ANSWERED = 2.0
-"""s after which a pose without an answer is lost."""
 
 
 def true_pose(t: float) -> tuple[np.ndarray, np.ndarray]:
@@ -107,8 +106,7 @@ def throw(peer: Peer, publisher, make: Callable, begin: float, states: list[Obje
         if t >= THROWN and states[-1].objects and 0.75 * THROWN <= newest() <= LANDS:
             break
         publisher.publish(make(begin + t, t, rng))
-        with suppress(PeerTimeoutError):
-            peer.spin_until(lambda t=t: abs(newest() - t) < 0.5 / RATE, "a state", ANSWERED)
+        wait_for_states(peer, states, begin + t, 0.5 / RATE)
     assert states[-1].objects
     assert 0.75 * THROWN <= newest() <= LANDS
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
-
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -20,8 +18,9 @@ from intuitive_physics_ros.conversions import (
     stamp_from_seconds,
 )
 from intuitive_physics_ros.qos import LATCHED, OBSERVATIONS, SENSOR_DATA
-from intuitive_physics_ros.scripting import NodeProcess, Peer, PeerTimeoutError
+from intuitive_physics_ros.scripting import NodeProcess, Peer
 
+from .answers import wait_for_states
 from .camera_messages import (
     FRAMES,
     STEP,
@@ -91,12 +90,7 @@ class Session:
         self.time += STEP
         self.peer.spin_for(0.04)
         if self.states:
-            # A node that is busy loses all but the newest frames.
-            with suppress(PeerTimeoutError):
-                self.peer.spin_until(lambda: self._newest() > shown - 0.5 * LAG, "a state", 0.5)
-
-    def _newest(self) -> float:
-        return max((seconds_from_stamp(each.header.stamp) for each in self.states), default=0.0)
+            wait_for_states(self.peer, self.states, shown, 1.5 * LAG)
 
 
 def test_two_cameras_make_one_track_and_one_goes_on_without_the_other(rooms) -> None:

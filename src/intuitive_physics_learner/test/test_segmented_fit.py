@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner import ConvergenceCriteria, TrajectoryCost
 from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
+from intuitive_physics_learner.joint_estimation.normal_equations import OUTLIER_LENGTH
 from intuitive_physics_learner.joint_search import joint_search, separate_fits
 from intuitive_physics_learner.joint_search.joint_search import JointSearch
 from intuitive_physics_learner.joint_search.separate_fits import may_tumble, tumbles
@@ -21,6 +22,7 @@ from intuitive_physics_learner.online import joint_fits
 from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.search.convergence import StopReason
+from intuitive_physics_learner.segmented_estimation.chaotic_states import CHANGE_SPREADS, moved
 from intuitive_physics_learner.segmented_estimation.continuations import MOTIONS, Continuations
 from intuitive_physics_learner.segmented_estimation.segment_equations import (
     SegmentEquations,
@@ -31,6 +33,8 @@ from intuitive_physics_learner.segmented_estimation.segmented_throws import (
     LARGEST_LINK_LOSS,
     SegmentedThrows,
 )
+from intuitive_physics_learner.segmented_estimation.shooting import Shooting
+from intuitive_physics_learner.segmented_estimation.smoothed_states import KnownStates
 
 from .cases import MATERIALS, StorelessLearner, box_throws, task_of
 
@@ -237,6 +241,86 @@ def test_a_motion_that_is_lost_is_found_again(single, event_driven, seen, true_u
     spreads = throws.spreads(states, 1.0)
     losses = throws.losses(worlds, states, followed.counts, spreads)
     assert (throws.explained(losses, followed.counts) >= 3).mean() > 0.7
+
+
+SHOT_SPREADS = 0.2 * CHANGE_SPREADS
+"""Of states from which motions are shot: no drawn one of a box flies on as its points do."""
+
+
+@pytest.fixture
+def shots(single, event_driven, seen, true_unit):
+    """Throws of which one segment is explained, the true path, and what begins beside it."""
+    throws = SegmentedThrows(single, event_driven)
+    path = true_path(throws, seen[1])
+    generator, count = np.random.default_rng(3), len(path)
+    known = KnownStates(
+        moved(path[:, 0], SHOT_SPREADS * generator.normal(size=(count, 12))),
+        np.tile(np.diag(SHOT_SPREADS**-2.0), (count, 1, 1)),
+        np.tile(SHOT_SPREADS, (count, 1)),
+    )
+    drawn = SHOT_SPREADS * generator.normal(size=(count, 16, 12))
+    shooting = Shooting(
+        throws,
+        throws.worlds([true_unit]),
+        np.arange(count),
+        np.zeros(count, int),
+        np.ones(count, int),
+        throws.points.counts,
+        known,
+        level=0.1,
+    )
+    return throws, shooting, moved(known.centres[:, None], drawn)
+
+
+def test_motions_are_led_to_the_points(shots, true_unit):
+    """Beyond what any of them explains as it was drawn, as one motion: its links leave nothing but
+    what chaos makes of an engine's steps that restart with each segment."""
+    throws, shooting, begun = shots
+    flight = shooting._flown(begun, np.full(len(begun), 2))
+    allowed = throws.points.largest_losses[:, None, :2]
+    drawn = (flight.losses <= allowed).all(axis=2).any(axis=1)
+    found = shooting.go_on(begun)
+    farther = found.counts > 1
+    assert drawn.mean() < 0.4
+    assert farther.mean() > 0.6
+    states = np.zeros((*throws.shape, 13))
+    states[..., 6] = 1.0
+    for a in np.flatnonzero(farther):
+        states[a, : found.counts[a]] = found.states[a, : found.counts[a]]
+    losses = throws.losses(
+        throws.worlds([true_unit]), states, found.counts, throws.spreads(states, 0.1)
+    )
+    np.testing.assert_array_equal(
+        throws.explained(losses, found.counts)[farther], found.counts[farther]
+    )
+    assert np.median(losses.links[farther]) < 0.1
+
+
+def test_slopes_of_shots_are_those_of_their_loss(shots):
+    """By central differences of the loss along each component, over a step h: they err by the third
+    derivative, the forward differences of the method by the second. Only of motions that have not
+    touched anything by then, where residuals have no kinks and none is an outlier."""
+    throws, shooting, begun = shots
+    states = shooting._known.centres[:, None]
+    first = np.ones(len(states), int)
+    flight, _, gradient = shooting._linearised(states, first)
+    lengths = np.linalg.norm(flight.residuals[:, 0], axis=-1)
+    smooth = lengths.max(axis=(1, 2)) < OUTLIER_LENGTH
+    assert smooth.any()
+
+    def losses(moves):
+        trying = moved(states, moves)
+        return shooting._flown(trying, first).losses.sum(axis=2) + shooting._known.losses(trying)
+
+    for component in range(12):
+        moves = np.zeros(12)
+        moves[component] = 1e-3 * SHOT_SPREADS[component]
+        slopes = (losses(moves) - losses(-moves)) / (2.0 * moves[component])
+        np.testing.assert_allclose(
+            (gradient[smooth, 0, component] - slopes[smooth, 0]) * SHOT_SPREADS[component],
+            0.0,
+            atol=0.1 * max(1.0, np.abs(slopes * SHOT_SPREADS[component]).max()),
+        )
 
 
 def test_what_tumbles_is_learned_in_segments(single, event_driven, true_unit):

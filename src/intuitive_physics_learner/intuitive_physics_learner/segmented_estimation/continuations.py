@@ -62,14 +62,12 @@ class Continuation:
     ----------
     counts : (r,) segments that each goes on for
     states : (r, S, 13) in which they begin
-    motions : (r,) index of the motion that each goes on as, in its first segment
     ends : (r,) number of segments after which it rests; the number of segments of the throw where
         it does not
     """
 
     counts: NDArray[np.int64]
     states: NDArray[np.float64]
-    motions: NDArray[np.int64]
     ends: NDArray[np.int64]
 
 
@@ -142,7 +140,7 @@ class Continuations:
             self._counts[going[fine]], self._best[going[fine]] = s + 1, best[fine]
             self._go_on(s, going, places, best)
             going = going[fine]
-        return Continuation(self._counts, *self._traced(), self._ends)
+        return Continuation(self._counts, self._traced(), self._ends)
 
     def _spread(
         self, throws: NDArray[np.int64], states: NDArray[np.float64]
@@ -226,8 +224,8 @@ class Continuations:
             if seen.stays(int(throws[a]), int(columns[a]), reached[a, best[a], None, :3]):
                 self._ends[going[a]] = places[a] + 1
 
-    def _traced(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return the states (r, S, 13) of the best motion of each throw, and its index (r,)."""
+    def _traced(self) -> NDArray[np.float64]:
+        """Return the states (r, S, 13) of the best motion of each throw."""
         every = np.arange(self._rows.size)
         states = np.full((every.size, len(self._states), 13), np.nan)
         motion = self._best.copy()
@@ -236,4 +234,4 @@ class Continuations:
             states[inside, s] = self._states[s, inside, motion[inside]]
             if s > 0:
                 motion[inside] = self._before[s, inside, motion[inside]]
-        return states, motion
+        return states

@@ -36,7 +36,7 @@ from intuitive_physics_learner.segmented_estimation.continuations import MOTIONS
 from intuitive_physics_learner.segmented_estimation.segmented_paths import SegmentedPaths
 from intuitive_physics_learner.segmented_estimation.segmented_throws import SegmentedThrows
 
-FIRST_LEVEL, LAST_LEVEL = 4.0, 0.05
+FIRST_LEVEL, LAST_LEVEL = 4.0, 0.01
 """Spread of links at first and at last, in `chaotic_states.SPREADS`. At 4 a filter follows boxes to
 their end at the θ_s at which a fit of initial states has stopped, at 1 to a third of it."""
 

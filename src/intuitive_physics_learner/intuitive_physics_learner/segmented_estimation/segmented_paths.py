@@ -6,6 +6,7 @@ their steps side by side.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,11 @@ from numpy.typing import NDArray
 
 from intuitive_physics.simulation import WorldBatch
 from intuitive_physics_learner.joint_estimation.normal_equations import Elimination
-from intuitive_physics_learner.segmented_estimation.chaotic_states import CHANGE_SPREADS, moved
+from intuitive_physics_learner.segmented_estimation.chaotic_states import (
+    CHANGE_SPREADS,
+    change,
+    moved,
+)
 from intuitive_physics_learner.segmented_estimation.continuations import (
     BACK,
     FIRST_PARTS,
@@ -28,13 +33,24 @@ from intuitive_physics_learner.segmented_estimation.segmented_throws import (
     PathLosses,
     SegmentedThrows,
 )
-from intuitive_physics_learner.segmented_estimation.smoothed_states import SmoothedStates
+from intuitive_physics_learner.segmented_estimation.shooting import (
+    FIRST_SHOOTING_LEVEL,
+    Shooting,
+)
+from intuitive_physics_learner.segmented_estimation.smoothed_states import (
+    KnownStates,
+    SmoothedStates,
+)
 
 STATE_DAMPINGS = (0.01, 1.0)
 """Dampings of the steps of states that are tried; set by hand."""
 
 LARGEST_STATE_STEP = 10.0
 """Largest step of a component of a state, in spreads; set by hand."""
+
+_Way = Callable[
+    [WorldBatch, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], float], Continuation
+]
 
 
 class SegmentedPaths:
@@ -109,7 +125,14 @@ class SegmentedPaths:
         return self.throws.losses(worlds, states, self._lengths, self._spreads)
 
     def _followed(self, worlds: WorldBatch, losses: PathLosses, level: float) -> PathLosses:
-        """Look for a way beyond what is explained; return the losses after it."""
+        """Look for ways beyond what is explained; return the losses after it."""
+        losses = self._tried(self._drawn, worlds, losses, level)
+        if level <= FIRST_SHOOTING_LEVEL:
+            losses = self._tried(self._shot, worlds, losses, level)
+        return losses
+
+    def _tried(self, way: _Way, worlds: WorldBatch, losses: PathLosses, level: float) -> PathLosses:
+        """Let throws go on one way, where more is explained then; return the losses after it."""
         throws = self.throws
         explained = throws.explained(losses, self._lengths)
         asked = explained < self._limits
@@ -121,11 +144,8 @@ class SegmentedPaths:
         present = self._states, self._lengths, self._spreads
         old = [each.copy() for each in present]
         first = np.maximum(explained[rows] - BACK, 0)
-        changes, begun, before = self._begun_at(rows, first)
-        found = Continuations(throws, worlds, rows, first, begun, level, self._generator).follow(
-            self._states, self._lengths, self._limits, before
-        )
-        self._take(rows, first, changes, found)
+        found = way(worlds, rows, first, explained[rows], level)
+        self._take(rows, first, found)
         self._limits[rows] = np.minimum(self._limits[rows], found.ends)
         self._spreads[:] = throws.spreads(self._states, level)
         after = self._losses(worlds, self._states)
@@ -135,13 +155,50 @@ class SegmentedPaths:
         after.take(losses, lost)
         return after
 
-    def _begun_at(
-        self, rows: NDArray[np.int64], first: NDArray[np.int64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Draw states in which motions of throws `rows` (r,) begin segments `first` (r,).
+    def _drawn(
+        self,
+        worlds: WorldBatch,
+        rows: NDArray[np.int64],
+        first: NDArray[np.int64],
+        explained: NDArray[np.int64],
+        level: float,
+    ) -> Continuation:
+        """Follow motions of throws `rows` (r,) from segments `first` (r,) on, links between."""
+        begun = self._begun_at(rows, first)
+        before = self._known_at(rows, first).losses(begun)
+        return Continuations(
+            self.throws, worlds, rows, first, begun, level, self._generator
+        ).follow(self._states, self._lengths, self._limits, before)
 
-        Returns changes (r, M, 12) of the present path, the first none; the states (r, M, 13); and
-        losses (r, M) before these segments.
+    def _shot(
+        self,
+        worlds: WorldBatch,
+        rows: NDArray[np.int64],
+        first: NDArray[np.int64],
+        explained: NDArray[np.int64],
+        level: float,
+    ) -> Continuation:
+        """Lead motions of throws `rows` (r,) to points beyond the `explained` (r,) segments."""
+        known, limits = self._known_at(rows, first), self._limits[rows]
+        return Shooting(self.throws, worlds, rows, first, explained, limits, known, level).go_on(
+            self._begun_at(rows, first)
+        )
+
+    def _known_at(self, rows: NDArray[np.int64], first: NDArray[np.int64]) -> KnownStates:
+        """Return what is known of the states of throws `rows` (r,) in segments `first` (r,)."""
+        covariances = self._smoothed.covariances[rows, first]
+        centres = self._states[rows, first]
+        precisions = self._smoothed.precisions[rows, first]
+        starts = first == 0
+        centres[starts] = self.throws.initial_states[rows[starts]]
+        initial = self.throws.initial_precisions[rows[starts]]
+        precisions[starts] = initial[:, :, None] * np.eye(initial.shape[1])
+        return KnownStates(centres, precisions, np.sqrt(np.einsum("rii->ri", covariances)))
+
+    def _begun_at(self, rows: NDArray[np.int64], first: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Draw states (r, M, 13) in which motions of throws `rows` (r,) begin at `first` (r,).
+
+        The first is that of the present path.
         """
         scales = np.resize(FIRST_PARTS, self._begun.shape[1])
         scales[0] = 0.0
@@ -149,22 +206,14 @@ class SegmentedPaths:
         begun = moved(self._states[rows, first][:, None], changes)
         new = self._lengths[rows] == 0
         begun[new] = self._begun[rows[new]]
-        before = self._smoothed.losses(rows, first, changes)
-        at_start = first == 0
-        before[at_start] = self.throws.initial_losses(rows[at_start], begun[at_start])
-        return changes, begun, before
+        return begun
 
-    def _take(
-        self,
-        rows: NDArray[np.int64],
-        first: NDArray[np.int64],
-        changes: NDArray[np.float64],
-        found: Continuation,
-    ) -> None:
-        """Let throws go on as found, and the states before follow; as `_begun_at` has them."""
+    def _take(self, rows: NDArray[np.int64], first: NDArray[np.int64], found: Continuation) -> None:
+        """Let throws `rows` (r,) go on as found from `first` (r,) on, the states before follow."""
         for a in np.flatnonzero(found.counts).tolist():
             row, begin, end = int(rows[a]), int(first[a]), int(first[a] + found.counts[a])
-            follow = self._smoothed.before(row, begin, changes[a, found.motions[a]])
+            moves = change(found.states[a, 0], self._states[row, begin])
+            follow = self._smoothed.before(row, begin, moves)
             self._states[row, :begin] = moved(self._states[row, :begin], follow)
             self._states[row, begin:end] = found.states[a, : end - begin]
             self._lengths[row] = end

@@ -12,6 +12,34 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from intuitive_physics_learner.segmented_estimation.chaotic_states import change
+
+
+@dataclass(frozen=True, eq=False)
+class KnownStates:
+    """What is known of one state of each of r throws by all before its own segment.
+
+    Parameters
+    ----------
+    centres : (r, 13) of the least loss
+    precisions : (r, 12, 12) about them
+    deviations : (r, 12) standard deviations by all points, also those after it
+    """
+
+    centres: NDArray[np.float64]
+    precisions: NDArray[np.float64]
+    deviations: NDArray[np.float64]
+
+    def losses(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Losses (r, m) of states (r, m, 13), if all before follow."""
+        changes = change(states, self.centres[:, None])
+        losses = 0.5 * np.einsum("rmi,rij,rmj->rm", changes, self.precisions, changes)
+        return np.asarray(np.maximum(losses, 0.0))
+
+    def scores(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Gradients (r, m, 12) of these losses."""
+        return change(states, self.centres[:, None]) @ self.precisions
+
 
 @dataclass(frozen=True, eq=False)
 class SmoothedStates:
@@ -44,23 +72,9 @@ class SmoothedStates:
         normal = generator.normal(size=(throws.size, scales.size, values.shape[1]))
         return np.asarray((scales[:, None] * normal) @ factors.swapaxes(1, 2), dtype=np.float64)
 
-    def losses(
-        self,
-        throws: NDArray[np.int64],
-        segments: NDArray[np.int64],
-        changes: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
-        """Losses (r, M) that changes (r, M, 12) of a state bring before it, if all others follow.
-
-        `throws` (r,) and `segments` (r,) by their indices.
-        """
-        precisions = self.precisions[throws, segments]
-        losses = 0.5 * np.einsum("rmi,rij,rmj->rm", changes, precisions, changes)
-        return np.asarray(np.maximum(losses, 0.0))
-
-    def before(self, throw: int, segment: int, change: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the changes (segment, 12) of all states before one with a `change` (12,)."""
-        changes = np.empty((segment, change.size))
+    def before(self, throw: int, segment: int, moves: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the changes (segment, 12) of all states before one that moves by `moves` (12,)."""
+        changes = np.empty((segment, moves.size))
         for k in reversed(range(segment)):
-            change = changes[k] = self.gains[throw, k] @ change
+            moves = changes[k] = self.gains[throw, k] @ moves
         return changes

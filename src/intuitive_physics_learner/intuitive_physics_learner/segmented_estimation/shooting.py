@@ -1,0 +1,205 @@
+"""How a throw may go on without links: motions that are led to the points by shooting.
+
+Of motions that are only drawn (`continuations`) hardly any flies as the points do after a contact
+or two, and the more exact links are the less they give way. Here a motion is one simulation
+through several segments, and what is looked for is the state it begins in, as a boundary value
+problem is solved by shooting. The best of the motions drawn take Gauss-Newton steps: first to the
+points of the first segment that is not explained, then to those after it as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from intuitive_physics.simulation import WorldBatch
+from intuitive_physics_learner.joint_estimation.fit_horizons import FAILED_LENGTH
+from intuitive_physics_learner.joint_estimation.normal_equations import huber_weights
+from intuitive_physics_learner.segmented_estimation.chaotic_states import CHANGE_SPREADS, moved
+from intuitive_physics_learner.segmented_estimation.continuations import AHEAD, Continuation
+from intuitive_physics_learner.segmented_estimation.segment_equations import COMPONENTS, LOOSE
+from intuitive_physics_learner.segmented_estimation.segmented_throws import SegmentedThrows
+from intuitive_physics_learner.segmented_estimation.smoothed_states import KnownStates
+
+FIRST_SHOOTING_LEVEL = 1.0
+"""Spread of links from which on there is shooting: with looser ones drawn motions get as far."""
+
+SHOTS = 4
+"""Motions that take steps; on three boxes 8 got no farther."""
+
+SHOOTING_STEPS = 3
+"""Steps that they take; on three boxes 5 got no farther."""
+
+LARGEST_SHOT_LOSS = 100.0
+"""Loss of a segment at most where motions are chosen: one that misses all later points may still be
+the one to lead there; on three boxes 30 was worse."""
+
+SHOT_DAMPINGS = (0.01, 1.0)
+"""Dampings of the steps that are tried; set by hand."""
+
+LARGEST_SHOT_STEP = 3.0
+"""Largest step of a component of a state, in its standard deviations or in `LEAST_SPREAD` of the
+spread of its link, whichever is larger; set by hand."""
+
+LEAST_SPREAD = 0.2
+"""Part of the spread of links by which a state may be wrong, however well it is known."""
+
+DIFFERENCE_PART = 0.1
+"""Step of a finite difference, in standard deviations: motions after contacts amplify it."""
+
+SMALLEST_DIFFERENCE = 1e-6
+"""Smallest step of a finite difference of a state, in the unit of its component."""
+
+LARGEST_DIFFERENCES = np.repeat((0.01, 0.02, 0.02, 0.2), 3)
+"""Largest step of a finite difference of a state, in the unit of its component; set by hand."""
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """Motions of r throws, m of each, through up to S segments.
+
+    Parameters
+    ----------
+    residuals : (r, m, S, N, 3) of the points, whitened; 0 where there is none
+    losses : (r, m, S) of the points of each segment
+    states : (r, m, S, 13) in which segments begin, NaN after a simulation that failed
+    """
+
+    residuals: NDArray[np.float64]
+    losses: NDArray[np.float64]
+    states: NDArray[np.float64]
+
+
+class Shooting:
+    """Motions of r throws, each one simulation from `first` (r,) segments on.
+
+    Parameters
+    ----------
+    throws : all of them
+    worlds : of θ_s
+    rows : (r,) those that are followed
+    first : (r,) segment from which on
+    explained : (r,) segments that are explained
+    limits : (r,) segments after which a throw rests or ends
+    known : of the states in which motions begin
+    level : of the spreads of links
+    """
+
+    def __init__(
+        self,
+        throws: SegmentedThrows,
+        worlds: WorldBatch,
+        rows: NDArray[np.int64],
+        first: NDArray[np.int64],
+        explained: NDArray[np.int64],
+        limits: NDArray[np.int64],
+        known: KnownStates,
+        level: float,
+    ) -> None:
+        self._throws, self._worlds, self._rows, self._first = throws, worlds, rows, first
+        self._known = known
+        self._missed = explained - first
+        self._counts = np.minimum(explained + AHEAD, limits) - first
+        least = LEAST_SPREAD * level * CHANGE_SPREADS
+        self._largest = LARGEST_SHOT_STEP * np.maximum(known.deviations, least)[:, None]
+        self._differences = np.clip(
+            DIFFERENCE_PART * known.deviations, SMALLEST_DIFFERENCE, LARGEST_DIFFERENCES
+        )
+
+    def go_on(self, begun: NDArray[np.float64]) -> Continuation:
+        """Lead the best of motions that begin in states `begun` (r, M, 13) on to the points.
+
+        Of a throw of which none gets farther than is explained no segment counts.
+        """
+        losses = np.minimum(self._flown(begun, self._missed + 1).losses, LARGEST_SHOT_LOSS)
+        losses = losses.sum(axis=2) + self._known.losses(begun)
+        best = np.argpartition(losses, SHOTS - 1, axis=1)[:, :SHOTS]
+        states = np.take_along_axis(begun, best[..., None], axis=1)
+        for step in range(SHOOTING_STEPS):
+            states = self._stepped(states, np.minimum(self._missed + 1 + (step > 0), self._counts))
+        return self._farthest(states)
+
+    def _stepped(
+        self, states: NDArray[np.float64], counts: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Take the best damped step of states (r, m, 13), to points of `counts` (r,) segments."""
+        flight, hessian, gradient = self._linearised(states, counts)
+        best, least = states, flight.losses[:, :: 1 + COMPONENTS].sum(axis=2)
+        least += self._known.losses(states)
+        axes = np.arange(COMPONENTS)
+        for damping in SHOT_DAMPINGS:
+            damped = hessian.copy()
+            damped[..., axes, axes] *= 1.0 + damping
+            step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
+            trying = moved(states, np.clip(step, -self._largest, self._largest))
+            losses = self._flown(trying, counts).losses.sum(axis=2) + self._known.losses(trying)
+            better = losses < least
+            best = np.where(better[..., None], trying, best)
+            least = np.where(better, losses, least)
+        return best
+
+    def _linearised(
+        self, states: NDArray[np.float64], counts: NDArray[np.int64]
+    ) -> tuple[Flight, NDArray[np.float64], NDArray[np.float64]]:
+        """Take differences along each component of states (r, m, 13), over `counts` (r,) segments.
+
+        Returns the motions, 1 + 12 for each state, and matrix (r, m, 12, 12) and gradient (r, m,
+        12) of their losses.
+        """
+        r, m = states.shape[:2]
+        axes = np.arange(COMPONENTS)
+        moves = np.zeros((r, 1, 1 + COMPONENTS, COMPONENTS))
+        moves[:, 0, 1 + axes, axes] = self._differences
+        flight = self._flown(moved(states[:, :, None], moves).reshape(r, -1, 13), counts)
+        residuals = flight.residuals.reshape(r, m, 1 + COMPONENTS, -1, 3)
+        rooted = np.sqrt(huber_weights(np.linalg.norm(residuals[:, :, 0], axis=-1)))
+        residuals = (residuals * rooted[:, :, None, :, None]).reshape(r, m, 1 + COMPONENTS, -1)
+        slopes = residuals[:, :, 1:] - residuals[:, :, :1]
+        slopes /= self._differences[:, None, :, None]
+        hessian = slopes @ slopes.swapaxes(2, 3) + self._known.precisions[:, None]
+        hessian[..., axes, axes] += (LOOSE * CHANGE_SPREADS) ** -2.0
+        gradient = (slopes @ residuals[:, :, 0, :, None])[..., 0] + self._known.scores(states)
+        return flight, hessian, gradient
+
+    def _farthest(self, states: NDArray[np.float64]) -> Continuation:
+        """Choose of states (r, m, 13) for each throw that whose motion explains most."""
+        flight = self._flown(states, self._counts)
+        segments = np.arange(flight.losses.shape[2])
+        places = np.minimum(self._first[:, None] + segments, self._throws.shape[1] - 1)
+        allowed = self._throws.points.largest_losses[self._rows[:, None], places]
+        fine = flight.losses <= allowed[:, None]
+        fine &= segments < self._counts[:, None, None]
+        counts = np.logical_and.accumulate(fine, axis=2).sum(axis=2)
+        # Of those that explain as much the one that suits best what was before it.
+        best = np.lexsort((self._known.losses(states), -counts), axis=1)[:, 0]
+        every = np.arange(best.size)
+        reached = counts[every, best]
+        counted = np.where(reached > self._missed, reached, 0)
+        return Continuation(
+            counted, flight.states[every, best], self._throws.points.counts[self._rows]
+        )
+
+    def _flown(self, states: NDArray[np.float64], counts: NDArray[np.int64]) -> Flight:
+        """Simulate motions that begin in states (r, m, 13), through `counts` (r,) segments."""
+        r, m, most = *states.shape[:2], int(counts.max())
+        whitening = self._throws.points.whitening
+        residuals = np.zeros((r, m, most, *whitening.shape[2:4]))
+        losses = np.zeros((r, m, most))
+        begun = np.full((r, m, most, 13), np.nan)
+        begun[:, :, 0] = states
+        for s in range(most):
+            going = np.flatnonzero(counts > s)
+            throws, places = self._rows[going], self._first[going] + s
+            present = begun[going, :, s]
+            failed = ~np.isfinite(present).all(axis=2)
+            present = np.where(failed[..., None], states[going], present)
+            offsets, ends = self._throws.simulated(self._worlds, throws, places, present)
+            offsets[failed], ends[failed] = np.nan, np.nan
+            losses[going, :, s] = self._throws.points.losses(throws, places, offsets)
+            whitened = whitening[throws, places][:, None] @ offsets[..., None]
+            residuals[going, :, s] = np.nan_to_num(whitened[..., 0], nan=FAILED_LENGTH)
+            if s + 1 < most:
+                begun[going, :, s + 1] = ends
+        return Flight(residuals, losses, begun)

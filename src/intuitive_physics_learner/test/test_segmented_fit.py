@@ -300,7 +300,7 @@ def test_slopes_of_shots_are_those_of_their_loss(shots):
     """By central differences of the loss along each component, over a step h: they err by the third
     derivative, the forward differences of the method by the second. Only of motions that have not
     touched anything by then, where residuals have no kinks and none is an outlier."""
-    throws, shooting, begun = shots
+    _, shooting, _ = shots
     states = shooting._known.centres[:, None]
     first = np.ones(len(states), int)
     flight, _, gradient = shooting._linearised(states, first)

@@ -68,7 +68,7 @@ USABLE_LEVEL = 1.0
 """Spread of links from which on the result is better than that of a fit of single states, where the
 time ends before the last one; set by hand."""
 
-SIMULATIONS = 570
+SIMULATIONS = 1000
 """Simulations of whole throws that take as long as a fit in segments of one of them."""
 
 

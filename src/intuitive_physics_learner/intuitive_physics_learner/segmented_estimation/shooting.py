@@ -23,14 +23,15 @@ from intuitive_physics_learner.segmented_estimation.segment_equations import COM
 from intuitive_physics_learner.segmented_estimation.segmented_throws import SegmentedThrows
 from intuitive_physics_learner.segmented_estimation.smoothed_states import KnownStates
 
-FIRST_SHOOTING_LEVEL = 1.0
+FIRST_SHOOTING_LEVEL = 0.3
 """Spread of links from which on there is shooting: with looser ones drawn motions get as far."""
 
-SHOTS = 4
-"""Motions that take steps; on three boxes 8 got no farther."""
+SHOTS = (4, 2, 2)
+"""Motions that take each of the steps; on three boxes 8 in all steps got no farther, nor did two
+more steps."""
 
-SHOOTING_STEPS = 3
-"""Steps that they take; on three boxes 5 got no farther."""
+STEPS_AHEAD = (1, 2, 2)
+"""Segments that are not explained to whose points each of the steps leads."""
 
 LARGEST_SHOT_LOSS = 100.0
 """Loss of a segment at most where motions are chosen: one that misses all later points may still be
@@ -113,13 +114,22 @@ class Shooting:
 
         Of a throw of which none gets farther than is explained no segment counts.
         """
-        losses = np.minimum(self._flown(begun, self._missed + 1).losses, LARGEST_SHOT_LOSS)
-        losses = losses.sum(axis=2) + self._known.losses(begun)
-        best = np.argpartition(losses, SHOTS - 1, axis=1)[:, :SHOTS]
-        states = np.take_along_axis(begun, best[..., None], axis=1)
-        for step in range(SHOOTING_STEPS):
-            states = self._stepped(states, np.minimum(self._missed + 1 + (step > 0), self._counts))
+        states = begun
+        for shots, ahead in zip(SHOTS, STEPS_AHEAD, strict=True):
+            counts = np.minimum(self._missed + ahead, self._counts)
+            states = self._stepped(self._best(states, shots, counts), counts)
         return self._farthest(states)
+
+    def _best(
+        self, states: NDArray[np.float64], shots: int, counts: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Choose states (r, shots, 13) of states (r, m, 13), by `counts` (r,) segments."""
+        if states.shape[1] == shots:
+            return states
+        losses = np.minimum(self._flown(states, counts).losses, LARGEST_SHOT_LOSS)
+        losses = losses.sum(axis=2) + self._known.losses(states)
+        best = np.argpartition(losses, shots - 1, axis=1)[:, :shots]
+        return np.take_along_axis(states, best[..., None], axis=1)
 
     def _stepped(
         self, states: NDArray[np.float64], counts: NDArray[np.int64]

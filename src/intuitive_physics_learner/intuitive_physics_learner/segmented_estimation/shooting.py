@@ -24,7 +24,8 @@ from intuitive_physics_learner.segmented_estimation.segmented_throws import Segm
 from intuitive_physics_learner.segmented_estimation.smoothed_states import KnownStates
 
 FIRST_SHOOTING_LEVEL = 0.3
-"""Spread of links from which on there is shooting: with looser ones drawn motions get as far."""
+"""Spread of links from which on there is shooting: from 1 on 31 boxes were learned as well, in more
+time."""
 
 SHOTS = (4, 2, 2)
 """Motions that take each of the steps; on three boxes 8 in all steps got no farther, nor did two

@@ -396,6 +396,18 @@ def test_without_time_nothing_is_fitted_in_segments(task, event_driven, few_step
     assert search._staged.segment_steps == 0
 
 
+def test_fits_in_segments_leave_time_for_those_after_them(
+    task, event_driven, few_steps, monkeypatch
+):
+    """They end with the step in which their share of the time has passed."""
+    monkeypatch.setattr(joint_search, "LONE_SEGMENT_STAGE_SHARE", 0.0)
+    search = JointSearch(replace(task, simulator=event_driven), np.random.default_rng(0))
+    search.plan(ConvergenceCriteria(time_limit=100.0))
+    while not search._staged._segments.ended:
+        search.step(1000)
+    assert search._staged.segment_steps == 1
+
+
 def test_a_search_is_exhausted_only_when_all_stages_have_converged(
     task, event_driven, few_steps, monkeypatch
 ):

@@ -139,16 +139,23 @@ class StagedFit(Resumable):
             self._step_together()
         elif self._fitting_segments():
             if self._segments.step(self._threads):
-                self._end_segments()
+                self.end_segments()
         elif not self._together_ended:
             self._step_together()
         else:
             self.jointly.step()
 
+    def end_segments(self) -> None:
+        """Use the fits in segments as far as they are, if they have begun."""
+        if self._segments.has_begun:
+            self._segments.end()
+            if self._segments.has_said:
+                self._begin_with_knowledge()
+
     def conclude(self) -> None:
         """Use the fits in segments as far as they are, or choose among several starts."""
         if self._segments.has_begun:
-            self._end_segments()
+            self.end_segments()
         elif not self._segments.has_said:
             self.jointly.choose()
 
@@ -248,11 +255,6 @@ class StagedFit(Resumable):
             if self._segments.has_begun:
                 self.jointly.keep(1)
         return not self._segments.ended
-
-    def _end_segments(self) -> None:
-        self._segments.end()
-        if self._segments.has_said:
-            self._begin_with_knowledge()
 
     def _begin_with_knowledge(self) -> None:
         """Restart the joint fit, with the results of the fits in segments in its prior."""

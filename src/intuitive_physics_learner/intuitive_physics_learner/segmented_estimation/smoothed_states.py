@@ -31,13 +31,13 @@ class KnownStates:
     deviations: NDArray[np.float64]
 
     def losses(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Losses (r, m) of states (r, m, 13), if all before follow."""
+        """Losses (r, m) of `states` (r, m, 13), if all before follow."""
         changes = change(states, self.centres[:, None])
         losses = 0.5 * np.einsum("rmi,rij,rmj->rm", changes, self.precisions, changes)
         return np.asarray(np.maximum(losses, 0.0))
 
     def scores(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Gradients (r, m, 12) of these losses."""
+        """Gradients (r, m, 12) of these losses at `states` (r, m, 13)."""
         return change(states, self.centres[:, None]) @ self.precisions
 
 

@@ -23,7 +23,11 @@ from intuitive_physics_learner.online.online_state import OnlineState
 from intuitive_physics_learner.online.options import OnlineOptions
 from intuitive_physics_learner.search.convergence import StopReason
 from intuitive_physics_learner.segmented_estimation.chaotic_states import CHANGE_SPREADS, moved
-from intuitive_physics_learner.segmented_estimation.continuations import MOTIONS, Continuations
+from intuitive_physics_learner.segmented_estimation.continuations import (
+    MOTIONS,
+    Continuations,
+    Stretch,
+)
 from intuitive_physics_learner.segmented_estimation.segment_equations import (
     SegmentEquations,
     segment_equations,
@@ -231,9 +235,10 @@ def test_a_motion_that_is_lost_is_found_again(single, event_driven, seen, true_u
     lengths = np.full(rows.size, 2)
     worlds = throws.worlds([true_unit])
     begun = np.repeat(path[:, :1], MOTIONS, axis=1)
-    followed = Continuations(
-        throws, worlds, rows, 0 * rows, begun, 1.0, np.random.default_rng(0)
-    ).follow(path, lengths, throws.points.counts, np.zeros((rows.size, MOTIONS)))
+    stretch = Stretch(throws, worlds, rows, lengths, 1.0)
+    followed = Continuations(stretch, begun, np.random.default_rng(0)).follow(
+        path, lengths, throws.points.counts, np.zeros((rows.size, MOTIONS))
+    )
     assert (followed.counts >= np.minimum(4, throws.points.counts)).mean() > 0.9
     states = path.copy()
     for a in rows:
@@ -259,16 +264,9 @@ def shots(single, event_driven, seen, true_unit):
         np.tile(SHOT_SPREADS, (count, 1)),
     )
     drawn = SHOT_SPREADS * generator.normal(size=(count, 16, 12))
-    shooting = Shooting(
-        throws,
-        throws.worlds([true_unit]),
-        np.arange(count),
-        np.zeros(count, int),
-        np.ones(count, int),
-        throws.points.counts,
-        known,
-        level=0.1,
-    )
+    worlds, explained = throws.worlds([true_unit]), np.ones(count, int)
+    stretch = Stretch(throws, worlds, np.arange(count), explained, level=0.1)
+    shooting = Shooting(stretch, throws.points.counts, known)
     return throws, shooting, moved(known.centres[:, None], drawn)
 
 
@@ -304,7 +302,7 @@ def test_slopes_of_shots_are_those_of_their_loss(shots):
     states = shooting._known.centres[:, None]
     first = np.ones(len(states), int)
     flight, _, gradient = shooting._linearised(states, first)
-    lengths = np.linalg.norm(flight.residuals[:, 0], axis=-1)
+    lengths = np.linalg.norm(shooting._residuals(flight.offsets)[:, 0], axis=-1)
     smooth = lengths.max(axis=(1, 2)) < OUTLIER_LENGTH
     assert smooth.any()
 

@@ -64,7 +64,8 @@ need; what they have by then is used. With all of it the mean excess of three se
 was the same, and fewer parameters were identified."""
 
 LONE_SEGMENT_STAGE_SHARE = 0.7
-"""The same where an object is by itself: states are then fitted to what was learned."""
+"""The same where an object is by itself: states are then fitted to what was learned; set by hand.
+"""
 
 SEARCH_SHARE = 0.5
 """Share of a time limit in which fits from several starts should end. The rest is left for choosing

@@ -71,38 +71,53 @@ class Continuation:
     ends: NDArray[np.int64]
 
 
-class Continuations:
-    """M motions of each of r throws, from `first` (r,) segments on.
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Where r throws are to go on: from some segments before the first one that is not explained.
 
     Parameters
     ----------
     throws : all of them
     worlds : of θ_s
-    rows : (r,) those that are followed
-    first : (r,) segment from which on
-    begun : (r, M, 13) states in which they begin; the first is that of the present path
+    rows : (r,) those that are to go on
+    explained : (r,) segments of each that are explained
     level : of the spreads of links
     """
 
+    throws: SegmentedThrows
+    worlds: WorldBatch
+    rows: NDArray[np.int64]
+    explained: NDArray[np.int64]
+    level: float
+
+    @property
+    def first(self) -> NDArray[np.int64]:
+        """Segment (r,) of each from which on motions are followed."""
+        return np.maximum(self.explained - BACK, 0)
+
+
+class Continuations:
+    """M motions of each of r throws.
+
+    Parameters
+    ----------
+    stretch : on which they are followed
+    begun : (r, M, 13) states in which they begin; the first is that of the present path
+    generator : of the draws
+    """
+
     def __init__(
-        self,
-        throws: SegmentedThrows,
-        worlds: WorldBatch,
-        rows: NDArray[np.int64],
-        first: NDArray[np.int64],
-        begun: NDArray[np.float64],
-        level: float,
-        generator: np.random.Generator,
+        self, stretch: Stretch, begun: NDArray[np.float64], generator: np.random.Generator
     ) -> None:
-        self._throws, self._worlds, self._rows, self._first = throws, worlds, rows, first
-        self._level, self._generator = level, generator
+        self._throws, self._worlds, self._rows = stretch.throws, stretch.worlds, stretch.rows
+        self._first, self._level, self._generator = stretch.first, stretch.level, generator
         self._cloud = begun
         shape = (BACK + AHEAD, *begun.shape[:2])
         self._states, self._reached = np.full((2, *shape, 13), np.nan)
         self._least = np.full(shape, UNREACHED)
         self._before = np.zeros(shape, dtype=np.int64)
-        self._counts, self._best = np.zeros((2, rows.size), dtype=np.int64)
-        self._ends = throws.points.counts[rows].copy()
+        self._counts, self._best = np.zeros((2, self._rows.size), dtype=np.int64)
+        self._ends = self._throws.points.counts[self._rows].copy()
 
     def follow(
         self,

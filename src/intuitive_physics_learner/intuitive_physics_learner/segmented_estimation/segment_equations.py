@@ -31,6 +31,9 @@ LARGEST_CHANGES = np.repeat((0.05, 0.05, 0.05, 0.5), 3)
 SMALLEST_PARAMETER_STEP, LARGEST_PARAMETER_STEP = 1e-4, 0.05
 """Steps of a finite difference of a parameter, widths; set by hand."""
 
+STATE_DAMPINGS = (0.01, 1.0)
+"""Dampings of the steps of states that are tried; set by hand."""
+
 LOOSE = 20.0
 """Spreads at which a state would be without any points: so its matrix always has an inverse."""
 

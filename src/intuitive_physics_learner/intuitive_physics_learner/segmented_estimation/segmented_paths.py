@@ -20,12 +20,13 @@ from intuitive_physics_learner.segmented_estimation.chaotic_states import (
     moved,
 )
 from intuitive_physics_learner.segmented_estimation.continuations import (
-    BACK,
     FIRST_PARTS,
     Continuation,
     Continuations,
+    Stretch,
 )
 from intuitive_physics_learner.segmented_estimation.segment_equations import (
+    STATE_DAMPINGS,
     SegmentEquations,
     segment_equations,
 )
@@ -42,15 +43,8 @@ from intuitive_physics_learner.segmented_estimation.smoothed_states import (
     SmoothedStates,
 )
 
-STATE_DAMPINGS = (0.01, 1.0)
-"""Dampings of the steps of states that are tried; set by hand."""
-
 LARGEST_STATE_STEP = 10.0
 """Largest step of a component of a state, in spreads; set by hand."""
-
-_Way = Callable[
-    [WorldBatch, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], float], Continuation
-]
 
 
 class SegmentedPaths:
@@ -131,7 +125,13 @@ class SegmentedPaths:
             losses = self._tried(self._shot, worlds, losses, level)
         return losses
 
-    def _tried(self, way: _Way, worlds: WorldBatch, losses: PathLosses, level: float) -> PathLosses:
+    def _tried(
+        self,
+        way: Callable[[Stretch], Continuation],
+        worlds: WorldBatch,
+        losses: PathLosses,
+        level: float,
+    ) -> PathLosses:
         """Let throws go on one way, where more is explained then; return the losses after it."""
         throws = self.throws
         explained = throws.explained(losses, self._lengths)
@@ -143,9 +143,9 @@ class SegmentedPaths:
             return losses
         present = self._states, self._lengths, self._spreads
         old = [each.copy() for each in present]
-        first = np.maximum(explained[rows] - BACK, 0)
-        found = way(worlds, rows, first, explained[rows], level)
-        self._take(rows, first, found)
+        stretch = Stretch(throws, worlds, rows, explained[rows], level)
+        found = way(stretch)
+        self._take(stretch, found)
         self._limits[rows] = np.minimum(self._limits[rows], found.ends)
         self._spreads[:] = throws.spreads(self._states, level)
         after = self._losses(worlds, self._states)
@@ -155,37 +155,21 @@ class SegmentedPaths:
         after.take(losses, lost)
         return after
 
-    def _drawn(
-        self,
-        worlds: WorldBatch,
-        rows: NDArray[np.int64],
-        first: NDArray[np.int64],
-        explained: NDArray[np.int64],
-        level: float,
-    ) -> Continuation:
-        """Follow motions of throws `rows` (r,) from segments `first` (r,) on, links between."""
-        begun = self._begun_at(rows, first)
-        before = self._known_at(rows, first).losses(begun)
-        return Continuations(
-            self.throws, worlds, rows, first, begun, level, self._generator
-        ).follow(self._states, self._lengths, self._limits, before)
+    def _drawn(self, stretch: Stretch) -> Continuation:
+        """Follow motions that are drawn, with links between segments."""
+        begun = self._begun_at(stretch)
+        before = self._known_at(stretch).losses(begun)
+        motions = Continuations(stretch, begun, self._generator)
+        return motions.follow(self._states, self._lengths, self._limits, before)
 
-    def _shot(
-        self,
-        worlds: WorldBatch,
-        rows: NDArray[np.int64],
-        first: NDArray[np.int64],
-        explained: NDArray[np.int64],
-        level: float,
-    ) -> Continuation:
-        """Lead motions of throws `rows` (r,) to points beyond the `explained` (r,) segments."""
-        known, limits = self._known_at(rows, first), self._limits[rows]
-        return Shooting(self.throws, worlds, rows, first, explained, limits, known, level).go_on(
-            self._begun_at(rows, first)
-        )
+    def _shot(self, stretch: Stretch) -> Continuation:
+        """Lead motions without links to the points."""
+        shooting = Shooting(stretch, self._limits[stretch.rows], self._known_at(stretch))
+        return shooting.go_on(self._begun_at(stretch))
 
-    def _known_at(self, rows: NDArray[np.int64], first: NDArray[np.int64]) -> KnownStates:
-        """Return what is known of the states of throws `rows` (r,) in segments `first` (r,)."""
+    def _known_at(self, stretch: Stretch) -> KnownStates:
+        """Return what is known of the states in which motions begin."""
+        rows, first = stretch.rows, stretch.first
         covariances = self._smoothed.covariances[rows, first]
         centres = self._states[rows, first]
         precisions = self._smoothed.precisions[rows, first]
@@ -195,11 +179,9 @@ class SegmentedPaths:
         precisions[starts] = initial[:, :, None] * np.eye(initial.shape[1])
         return KnownStates(centres, precisions, np.sqrt(np.einsum("rii->ri", covariances)))
 
-    def _begun_at(self, rows: NDArray[np.int64], first: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Draw states (r, M, 13) in which motions of throws `rows` (r,) begin at `first` (r,).
-
-        The first is that of the present path.
-        """
+    def _begun_at(self, stretch: Stretch) -> NDArray[np.float64]:
+        """Draw states (r, M, 13) in which motions begin; the first is that of the present path."""
+        rows, first = stretch.rows, stretch.first
         scales = np.resize(FIRST_PARTS, self._begun.shape[1])
         scales[0] = 0.0
         changes = self._smoothed.drawn(rows, first, scales, self._generator)
@@ -208,8 +190,9 @@ class SegmentedPaths:
         begun[new] = self._begun[rows[new]]
         return begun
 
-    def _take(self, rows: NDArray[np.int64], first: NDArray[np.int64], found: Continuation) -> None:
-        """Let throws `rows` (r,) go on as found from `first` (r,) on, the states before follow."""
+    def _take(self, stretch: Stretch, found: Continuation) -> None:
+        """Let throws go on as found, the states before follow."""
+        rows, first = stretch.rows, stretch.first
         for a in np.flatnonzero(found.counts).tolist():
             row, begin, end = int(rows[a]), int(first[a]), int(first[a] + found.counts[a])
             moves = change(found.states[a, 0], self._states[row, begin])

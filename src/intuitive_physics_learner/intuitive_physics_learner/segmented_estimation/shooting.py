@@ -14,13 +14,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from intuitive_physics.simulation import WorldBatch
 from intuitive_physics_learner.joint_estimation.fit_horizons import FAILED_LENGTH
 from intuitive_physics_learner.joint_estimation.normal_equations import huber_weights
 from intuitive_physics_learner.segmented_estimation.chaotic_states import CHANGE_SPREADS, moved
-from intuitive_physics_learner.segmented_estimation.continuations import AHEAD, Continuation
-from intuitive_physics_learner.segmented_estimation.segment_equations import COMPONENTS, LOOSE
-from intuitive_physics_learner.segmented_estimation.segmented_throws import SegmentedThrows
+from intuitive_physics_learner.segmented_estimation.continuations import (
+    AHEAD,
+    Continuation,
+    Stretch,
+)
+from intuitive_physics_learner.segmented_estimation.segment_equations import (
+    COMPONENTS,
+    LOOSE,
+    SMALLEST_CHANGE,
+    STATE_DAMPINGS,
+)
 from intuitive_physics_learner.segmented_estimation.smoothed_states import KnownStates
 
 FIRST_SHOOTING_LEVEL = 0.3
@@ -38,21 +45,17 @@ LARGEST_SHOT_LOSS = 100.0
 """Loss of a segment at most where motions are chosen: one that misses all later points may still be
 the one to lead there; on three boxes 30 was worse."""
 
-SHOT_DAMPINGS = (0.01, 1.0)
-"""Dampings of the steps that are tried; set by hand."""
-
 LARGEST_SHOT_STEP = 3.0
 """Largest step of a component of a state, in its standard deviations or in `LEAST_SPREAD` of the
 spread of its link, whichever is larger; set by hand."""
 
 LEAST_SPREAD = 0.2
-"""Part of the spread of links by which a state may be wrong, however well it is known."""
+"""Part of the spread of links by which a state may be wrong, however well it is known; set by
+hand."""
 
 DIFFERENCE_PART = 0.1
-"""Step of a finite difference, in standard deviations: motions after contacts amplify it."""
-
-SMALLEST_DIFFERENCE = 1e-6
-"""Smallest step of a finite difference of a state, in the unit of its component."""
+"""Step of a finite difference, in standard deviations: motions after contacts amplify it; set by
+hand."""
 
 LARGEST_DIFFERENCES = np.repeat((0.01, 0.02, 0.02, 0.2), 3)
 """Largest step of a finite difference of a state, in the unit of its component; set by hand."""
@@ -64,50 +67,36 @@ class Flight:
 
     Parameters
     ----------
-    residuals : (r, m, S, N, 3) of the points, whitened; 0 where there is none
+    offsets : (r, m, S, N, 3) m from the points, NaN where there is none or a
+        simulation failed, 0 where none was asked for
     losses : (r, m, S) of the points of each segment
     states : (r, m, S, 13) in which segments begin, NaN after a simulation that failed
     """
 
-    residuals: NDArray[np.float64]
+    offsets: NDArray[np.float64]
     losses: NDArray[np.float64]
     states: NDArray[np.float64]
 
 
 class Shooting:
-    """Motions of r throws, each one simulation from `first` (r,) segments on.
+    """Motions of r throws, each one simulation.
 
     Parameters
     ----------
-    throws : all of them
-    worlds : of θ_s
-    rows : (r,) those that are followed
-    first : (r,) segment from which on
-    explained : (r,) segments that are explained
+    stretch : on which they are followed
     limits : (r,) segments after which a throw rests or ends
     known : of the states in which motions begin
-    level : of the spreads of links
     """
 
-    def __init__(
-        self,
-        throws: SegmentedThrows,
-        worlds: WorldBatch,
-        rows: NDArray[np.int64],
-        first: NDArray[np.int64],
-        explained: NDArray[np.int64],
-        limits: NDArray[np.int64],
-        known: KnownStates,
-        level: float,
-    ) -> None:
-        self._throws, self._worlds, self._rows, self._first = throws, worlds, rows, first
-        self._known = known
-        self._missed = explained - first
-        self._counts = np.minimum(explained + AHEAD, limits) - first
-        least = LEAST_SPREAD * level * CHANGE_SPREADS
+    def __init__(self, stretch: Stretch, limits: NDArray[np.int64], known: KnownStates) -> None:
+        self._throws, self._worlds, self._rows = stretch.throws, stretch.worlds, stretch.rows
+        self._first, self._known = stretch.first, known
+        self._missed = stretch.explained - self._first
+        self._counts = np.minimum(stretch.explained + AHEAD, limits) - self._first
+        least = LEAST_SPREAD * stretch.level * CHANGE_SPREADS
         self._largest = LARGEST_SHOT_STEP * np.maximum(known.deviations, least)[:, None]
         self._differences = np.clip(
-            DIFFERENCE_PART * known.deviations, SMALLEST_DIFFERENCE, LARGEST_DIFFERENCES
+            DIFFERENCE_PART * known.deviations, SMALLEST_CHANGE, LARGEST_DIFFERENCES
         )
 
     def go_on(self, begun: NDArray[np.float64]) -> Continuation:
@@ -140,7 +129,7 @@ class Shooting:
         best, least = states, flight.losses[:, :: 1 + COMPONENTS].sum(axis=2)
         least += self._known.losses(states)
         axes = np.arange(COMPONENTS)
-        for damping in SHOT_DAMPINGS:
+        for damping in STATE_DAMPINGS:
             damped = hessian.copy()
             damped[..., axes, axes] *= 1.0 + damping
             step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
@@ -164,7 +153,7 @@ class Shooting:
         moves = np.zeros((r, 1, 1 + COMPONENTS, COMPONENTS))
         moves[:, 0, 1 + axes, axes] = self._differences
         flight = self._flown(moved(states[:, :, None], moves).reshape(r, -1, 13), counts)
-        residuals = flight.residuals.reshape(r, m, 1 + COMPONENTS, -1, 3)
+        residuals = self._residuals(flight.offsets).reshape(r, m, 1 + COMPONENTS, -1, 3)
         rooted = np.sqrt(huber_weights(np.linalg.norm(residuals[:, :, 0], axis=-1)))
         residuals = (residuals * rooted[:, :, None, :, None]).reshape(r, m, 1 + COMPONENTS, -1)
         slopes = residuals[:, :, 1:] - residuals[:, :, :1]
@@ -178,8 +167,7 @@ class Shooting:
         """Choose of states (r, m, 13) for each throw that whose motion explains most."""
         flight = self._flown(states, self._counts)
         segments = np.arange(flight.losses.shape[2])
-        places = np.minimum(self._first[:, None] + segments, self._throws.shape[1] - 1)
-        allowed = self._throws.points.largest_losses[self._rows[:, None], places]
+        allowed = self._throws.points.largest_losses[self._places(segments.size)]
         fine = flight.losses <= allowed[:, None]
         fine &= segments < self._counts[:, None, None]
         counts = np.logical_and.accumulate(fine, axis=2).sum(axis=2)
@@ -192,11 +180,22 @@ class Shooting:
             counted, flight.states[every, best], self._throws.points.counts[self._rows]
         )
 
+    def _places(self, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return throws (r, 1) and segments (r, count) on from the first, the last one repeated."""
+        segments = np.minimum(self._first[:, None] + np.arange(count), self._throws.shape[1] - 1)
+        return self._rows[:, None], segments
+
+    def _residuals(self, offsets: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Whiten offsets (r, m, S, N, 3) m from points; 0 where there is none."""
+        whitening = self._throws.points.whitening[self._places(offsets.shape[2])][:, None]
+        residuals = np.nan_to_num((whitening @ offsets[..., None])[..., 0], nan=FAILED_LENGTH)
+        there = np.asarray(whitening.any(axis=(-2, -1)))
+        return np.where(there[..., None], residuals, 0.0)
+
     def _flown(self, states: NDArray[np.float64], counts: NDArray[np.int64]) -> Flight:
         """Simulate motions that begin in states (r, m, 13), through `counts` (r,) segments."""
         r, m, most = *states.shape[:2], int(counts.max())
-        whitening = self._throws.points.whitening
-        residuals = np.zeros((r, m, most, *whitening.shape[2:4]))
+        passed = np.zeros((r, m, most, *self._throws.points.observed.shape[2:]))
         losses = np.zeros((r, m, most))
         begun = np.full((r, m, most, 13), np.nan)
         begun[:, :, 0] = states
@@ -208,9 +207,8 @@ class Shooting:
             present = np.where(failed[..., None], states[going], present)
             offsets, ends = self._throws.simulated(self._worlds, throws, places, present)
             offsets[failed], ends[failed] = np.nan, np.nan
+            passed[going, :, s] = offsets
             losses[going, :, s] = self._throws.points.losses(throws, places, offsets)
-            whitened = whitening[throws, places][:, None] @ offsets[..., None]
-            residuals[going, :, s] = np.nan_to_num(whitened[..., 0], nan=FAILED_LENGTH)
             if s + 1 < most:
                 begun[going, :, s + 1] = ends
-        return Flight(residuals, losses, begun)
+        return Flight(passed, losses, begun)

@@ -65,11 +65,6 @@ JUDGED_SHARE = 0.3
 """Part of a limit of time that is left for the fit that says what is known of a θ_s found by
 lowering J; set by hand."""
 
-FOLLOWED_SHARE = 0.1
-"""Part of a limit of time that is left for following undisturbed motions, by which disturbed
-observations are found; with 0.2 as many were found in twelve sets of one object, and θ_s of five
-sets of ten, for which less time was left, had errors a tenth larger."""
-
 NEGLIGIBLE_COST = 1e-6
 """m of J that restoring parameters which J does not depend on may cost."""
 
@@ -200,7 +195,7 @@ def learn(
     if fitted is None:
         identifiability = identifiability_of_optimum(task, search.best_parameters, seconds_left)
     else:
-        later = 0.0 if limit is None else FOLLOWED_SHARE * limit
+        later = 0.0 if limit is None else fitted.followed_share * limit
         identifiability = fitted.identifiability(task, lambda: seconds_left() - later)
     parameters = _unresponsive_restored(task, outcome, identifiability)
     learned = _merged(
@@ -244,7 +239,7 @@ def _reserved(search: Search, task: LearningTask, seconds: float, limit: float) 
     fitted = _fitted(search)
     if fitted is None:
         return JUDGED_SHARE * limit
-    return FOLLOWED_SHARE * limit + fitted.identifiability_seconds(task, seconds)
+    return fitted.followed_share * limit + fitted.identifiability_seconds(task, seconds)
 
 
 def _begin(

@@ -75,7 +75,7 @@ def test_states_of_collisions_are_fitted_before_segments_and_again_after_them(ta
     assert not states_of_both(fit).any()
     for _ in range(FIRST_TOGETHER_STEPS):
         fit.step()
-    before = states_of_both(fit)
+    before, alone = states_of_both(fit), fit.joint.horizons[:8]
     assert before.any()
     assert fit.segment_steps == 0
     for _ in range(SEGMENTED):
@@ -84,6 +84,8 @@ def test_states_of_collisions_are_fitted_before_segments_and_again_after_them(ta
     assert not fit.task.counted[:8].any()
     assert fit.segment_steps == fit.steps - SEPARATE - FIRST_TOGETHER_STEPS
     np.testing.assert_array_equal(states_of_both(fit), before)
+    # Throws that were fitted in segments begin as these say, from where one motion goes on.
+    assert fit.joint.horizons[:8].mean() > 1.5 * alone.mean()
     while not fit._together_ended:
         fit.step()
         assert fit.joint.steps == 0

@@ -12,7 +12,11 @@ from hypothesis import strategies as st
 
 from intuitive_physics.materials import StaticParameters
 from intuitive_physics_learner import ConvergenceCriteria, TrajectoryCost
-from intuitive_physics_learner.joint_estimation.joint_fit import JointEstimationSettings, JointFit
+from intuitive_physics_learner.joint_estimation.joint_fit import (
+    FIXED_HORIZONS,
+    JointEstimationSettings,
+    JointFit,
+)
 from intuitive_physics_learner.joint_estimation.normal_equations import OUTLIER_LENGTH
 from intuitive_physics_learner.joint_search import joint_search, separate_fits
 from intuitive_physics_learner.joint_search.joint_search import JointSearch
@@ -339,6 +343,33 @@ def test_what_tumbles_is_learned_in_segments(single, event_driven, true_unit):
         assert said.deviations[parameter] < 0.03
         assert abs(said.mean[parameter] - true_unit[parameter]) < 0.05
     assert max(explained) > 1.5 * sum(each.horizon for each in single.observation_fits())
+
+
+def test_one_motion_goes_on_from_how_throws_began(single, seen, task, event_driven):
+    """A fit of single initial states that begins at the states found, with θ_s found, leaves noise
+    up to the stated times: a loss of 1.5 a point on the average."""
+    fit, before = SegmentedFit(single, event_driven, np.random.default_rng(0)), single.state()
+    while not fit.finished:
+        fit.step()
+    begun = fit.observation_fits()
+    found = [k for k, each in enumerate(begun) if each is not None]
+    assert len(found) > 0.8 * len(begun)
+    horizons = np.array([begun[k].horizon for k in found])
+    assert horizons.mean() > 1.5 * single.horizons[found].mean()
+    again = JointFit(task.fit_task, FIXED_HORIZONS)
+    again.begin_at(fit.unit, fit.deviations, begun)
+    points, losses = 0, 0.0
+    model, estimate = again.model, again.estimate
+    for (block, part), linear in zip(
+        model.parts(estimate), model.linearised(estimate), strict=True
+    ):
+        used = np.isin(block.members, found)
+        points += (block.times <= part.horizons[:, None])[used].sum()
+        present = part.estimate[None], linear.residuals[None]
+        of_states = 0.5 * ((part.estimate / block.prior_deviations) ** 2).sum(axis=1)
+        losses += (part.losses(block, *present)[0] - of_states)[used].sum()
+    assert losses / points < 1.5 + 5.0 * np.sqrt(1.5 / points)
+    assert single.state() == before
 
 
 def staged(task, simulator):

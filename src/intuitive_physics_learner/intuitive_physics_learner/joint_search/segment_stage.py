@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from intuitive_physics.simulation.shares import mapped_in_shares
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit, ObservationFit
 from intuitive_physics_learner.joint_search.separate_fits import FitOf, tumbles
 from intuitive_physics_learner.search.gaussian import Gaussian
 from intuitive_physics_learner.search.learning_task import NEGLIGIBLE_WEIGHT, FitTask
@@ -78,8 +78,12 @@ class SegmentStage(Resumable):
         mapped_in_shares(methodcaller("step"), going, threads)
         return all(fit.finished for _, fit in self._fits)
 
-    def end(self) -> None:
-        """Keep what the fits say; one that has not got far enough is left out."""
+    def end(self) -> dict[int, ObservationFit | None]:
+        """Keep what the fits say; one that has not got far enough is left out.
+
+        Returns for the observations of the others, by their indices, how the throws began.
+        """
+        begun: dict[int, ObservationFit | None] = {}
         for part, fit in self._fits:
             self._simulations_before += fit.simulations
             if fit.usable:
@@ -92,7 +96,9 @@ class SegmentStage(Resumable):
                         "pull": said.pull.tolist(),
                     }
                 )
+                begun.update(zip(part.members.tolist(), fit.observation_fits(), strict=True))
         self._fits, self.ended = [], True
+        return begun
 
     def informed(self, task: FitTask) -> FitTask:
         """Return a task with what was said in its prior, where these throws count no more."""

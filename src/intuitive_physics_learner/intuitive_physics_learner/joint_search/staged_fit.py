@@ -148,9 +148,9 @@ class StagedFit(Resumable):
     def end_segments(self) -> None:
         """Use the fits in segments as far as they are, if they have begun."""
         if self._segments.has_begun:
-            self._segments.end()
+            begun = self._segments.end()
             if self._segments.has_said:
-                self._begin_with_knowledge()
+                self._begin_with_knowledge(begun)
 
     def conclude(self) -> None:
         """Use the fits in segments as far as they are, or choose among several starts."""
@@ -174,7 +174,7 @@ class StagedFit(Resumable):
         self._separate.load_state(state["separate"])
         self._segments.load_state(state["segments"])
         if self._segments.has_said:
-            self._begin_with_knowledge()
+            self._begin_with_knowledge({})
         self.jointly.load_state(state["joint"])
         if state["together"] is not None:
             self._together = self._begun_together()
@@ -256,8 +256,11 @@ class StagedFit(Resumable):
                 self.jointly.keep(1)
         return not self._segments.ended
 
-    def _begin_with_knowledge(self) -> None:
-        """Restart the joint fit, with the results of the fits in segments in its prior."""
+    def _begin_with_knowledge(self, begun: Mapping[int, ObservationFit | None]) -> None:
+        """Restart the joint fit, with the results of the fits in segments in its prior.
+
+        `begun` : how their throws began, by the index of the observation.
+        """
         before = self.joint
         self._simulations_before += self.jointly.simulations
         if self._together is not None:
@@ -269,7 +272,7 @@ class StagedFit(Resumable):
         unit[known] = np.clip(prior.mean[known], 0.0, 1.0)
         states: list[ObservationFit | None] = [*before.observation_fits()]
         for member in self._segments.known_members:
-            states[member] = None
+            states[member] = begun.get(member)
         starts = np.where(unit == before.unit, self.jointly.starts[:1], unit)
         self.jointly = SeveralStarts(self.task, self._ahead, starts)
         self.joint.begin_at(unit, np.minimum(before.deviations, prior.deviations), states)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from intuitive_physics.simulation import Simulator
 from intuitive_physics.simulation.shares import mapped_in_shares
 from intuitive_physics_learner.joint_estimation.damped_steps import LARGEST_MOVE
-from intuitive_physics_learner.joint_estimation.joint_fit import JointFit
+from intuitive_physics_learner.joint_estimation.joint_fit import JointFit, ObservationFit
 from intuitive_physics_learner.joint_estimation.normal_equations import (
     Elimination,
     agreement_weights,
@@ -32,6 +32,7 @@ from intuitive_physics_learner.joint_estimation.widened_uncertainty import (
     widened_information,
 )
 from intuitive_physics_learner.search.gaussian import Gaussian, LocalLikelihood
+from intuitive_physics_learner.segmented_estimation.chaotic_states import change
 from intuitive_physics_learner.segmented_estimation.continuations import MOTIONS
 from intuitive_physics_learner.segmented_estimation.segmented_paths import SegmentedPaths
 from intuitive_physics_learner.segmented_estimation.segmented_throws import SegmentedThrows
@@ -96,6 +97,7 @@ class SegmentedFit:
     """
 
     def __init__(self, fit: JointFit, simulator: Simulator, generator: np.random.Generator) -> None:
+        self._begun = fit
         self._prior, self._space, self._threads = fit.prior, fit.model.space, simulator.threads
         self.unit, self.deviations = fit.unit.copy(), fit.deviations.copy()
         self.level, self.steps = FIRST_LEVEL, 0
@@ -147,6 +149,29 @@ class SegmentedFit:
         precision = widened_information(observed.precision, factors, deviations)
         # Where the whole loss is least, the throws pull as the prior does, to the other side.
         return Gaussian(precision, precision @ mean + self._prior.scores(mean))
+
+    def observation_fits(self) -> list[ObservationFit | None]:
+        """Return how each throw began, and up to when one motion from there explains it.
+
+        None where it explains no segment.
+        """
+        begun = self._begun.observation_fits()
+        fits: list[ObservationFit | None] = [None] * len(begun)
+        starts = [part.known_starts(self.unit) for part in self._parts]
+        states, deviations, until = (np.concatenate(each) for each in zip(*starts, strict=True))
+        for block in self._begun.model.blocks:
+            apart = change(states[block.members], block.initial_states.observed[:, 0])
+            for k, member in enumerate(block.members.tolist()):
+                free = block.initial_states.components[k]
+                # What follows are shared errors, as they were taken out of the points.
+                shared = slice(free.size, None)
+                if until[member] > 0.0:
+                    fits[member] = ObservationFit(
+                        np.concatenate([apart[k, free], begun[member].estimate[shared]]),
+                        np.concatenate([deviations[member, free], begun[member].deviations[shared]]),
+                        float(until[member]),
+                    )
+        return fits
 
     def step(self) -> None:
         """Let throws go on, and take a step of θ_s and all states."""

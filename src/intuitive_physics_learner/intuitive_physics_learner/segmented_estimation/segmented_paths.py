@@ -93,6 +93,21 @@ class SegmentedPaths:
         eliminated = self._equations.eliminated()
         return replace(eliminated, members=self.throws.members)
 
+    def known_starts(
+        self, unit: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the states in which throws begin, and how long one motion from them explains.
+
+        `unit` (n,) θ_s. Returns states (A, 13), standard deviations (A, 12) of them, and times (A,)
+        in s of the last points explained; 0 where none are.
+        """
+        throws, states = self.throws, self._states[:, 0]
+        counts = throws.explained_by_one(throws.worlds([unit]), states, self.explained)
+        every = np.arange(counts.size)
+        until = throws.seen.times[every, throws.points.ends[every, np.maximum(counts - 1, 0)]]
+        variances = np.einsum("aii->ai", self._smoothed.covariances[:, 0])
+        return states, np.sqrt(variances), np.where(counts > 0, until, 0.0)
+
     def take_steps(self, unit: NDArray[np.float64], step: NDArray[np.float64]) -> None:
         """Take the best of several damped steps of the states of each throw.
 

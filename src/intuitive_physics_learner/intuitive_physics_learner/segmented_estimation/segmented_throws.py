@@ -291,3 +291,20 @@ class SegmentedThrows:
         good &= losses.points <= self.points.largest_losses
         good[:, 1:] &= losses.links[:, :-1] <= LARGEST_LINK_LOSS
         return np.asarray(np.logical_and.accumulate(good, axis=1).sum(axis=1))
+
+    def explained_by_one(
+        self, worlds: WorldBatch, states: NDArray[np.float64], lengths: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
+        """Number (A,) of segments of each throw that one motion explains, without links.
+
+        It begins in `states` (A, 13); of at most `lengths` (A,) segments.
+        """
+        every = np.arange(len(states))
+        begun = worlds.taken(every, states=states[:, None])
+        positions, _ = followed(self._simulator, begun, self.seen.times, 1)
+        self.simulations += every.size
+        points = point_losses(self.seen.whitening[:, 0], positions[:, 0] - self.seen.observed[:, 0])
+        summed = points.cumsum(axis=1)[every[:, None], self.points.ends]
+        fine = np.diff(summed, prepend=0.0) <= self.points.largest_losses
+        fine &= np.arange(self.shape[1]) < lengths[:, None]
+        return np.asarray(np.logical_and.accumulate(fine, axis=1).sum(axis=1))

@@ -162,13 +162,13 @@ class SegmentedFit:
         for block in self._begun.model.blocks:
             apart = change(states[block.members], block.initial_states.observed[:, 0])
             for k, member in enumerate(block.members.tolist()):
-                free = block.initial_states.components[k]
-                # What follows are shared errors, as they were taken out of the points.
-                shared = slice(free.size, None)
                 if until[member] > 0.0:
+                    free, before = block.initial_states.components[k], begun[member]
+                    # What follows are shared errors, as they were taken out of the points.
+                    shared = slice(free.size, None)
                     fits[member] = ObservationFit(
-                        np.concatenate([apart[k, free], begun[member].estimate[shared]]),
-                        np.concatenate([deviations[member, free], begun[member].deviations[shared]]),
+                        np.concatenate([apart[k, free], before.estimate[shared]]),
+                        np.concatenate([deviations[member, free], before.deviations[shared]]),
                         float(until[member]),
                     )
         return fits

@@ -69,6 +69,62 @@ def test_the_worse_are_dropped_and_their_simulations_count(deceptive_task):
     assert fits.simulations > before
 
 
+@pytest.mark.parametrize(
+    ("evidences", "left"), [((0.0, -5.0, -30.0), 2), ((0.0, -30.0, -40.0), 1), ((0.0,) * 3, LEFT)]
+)
+def test_a_second_fit_is_left_where_evidence_cannot_tell_it_apart(
+    gliding_task, monkeypatch, evidences, left
+):
+    """By chance evidences differ by 10."""
+    monkeypatch.setattr(
+        several_starts, "compared_evidences", lambda *arguments: np.array(evidences)
+    )
+    starts = drawn_starts(gliding_task([0.6] * 3).prior, 3, np.random.default_rng(0))
+    assert len(run(gliding_task([0.6] * 3), starts, DROP_STEPS).fits) == left
+
+
+def ended(fits):
+    """Take steps until all fits have converged."""
+    while not all(fit.settled for fit in fits.fits):
+        fits.step()
+    return fits
+
+
+@pytest.fixture
+def ending_early(monkeypatch):
+    """Let no fit explain all points."""
+    monkeypatch.setattr(several_starts, "durations", lambda fit: np.full(fit.horizons.size, 100.0))
+
+
+def test_where_motions_end_early_a_fit_begins_again(deceptive_task, ending_early):
+    """Once, at the best θ_s, with the observed initial states."""
+    starts = drawn_starts(deceptive_task.prior, 4, np.random.default_rng(0))
+    fits = ended(run(deceptive_task, starts, 1))
+    count = len(fits.fits)
+    assert not fits.settled
+    fits.step()
+    assert [fit.steps for fit in fits.fits[count:]] == [1]
+    np.testing.assert_array_equal(fits.starts[-1], fits.best.unit)
+    ended(fits)
+    assert fits.settled
+    assert len(fits.fits) == len(fits.starts) == count + 1
+    fits.choose()
+    assert fits.best.unit[E] == pytest.approx(0.8, abs=0.02)
+
+
+def test_what_is_explained_to_its_end_is_not_fitted_again(deceptive_task):
+    starts = drawn_starts(deceptive_task.prior, 4, np.random.default_rng(0))
+    fits = ended(run(deceptive_task, starts, 1))
+    assert fits.settled
+    assert not fits.ends_early.any()
+
+
+def test_one_start_does_not_begin_again(deceptive_task, ending_early):
+    fits = ended(run(deceptive_task, [deceptive_task.fit_task.prior.mean], 1))
+    assert fits.settled
+    assert fits.ends_early.all()
+
+
 def test_optima_that_the_observations_cannot_tell_apart_widen_the_deviation(gliding_task):
     # f(e) = 0.64 - |e - ½|: both e = 0.2 and e = 0.8 give the 0.34 observed.
     task = gliding_task(
@@ -105,16 +161,18 @@ def test_fits_that_end_at_one_place_have_no_spread(gliding_task):
     assert fits.spread[E] < 1e-6
 
 
-def test_continues_exactly(deceptive_task):
+def test_continues_exactly(deceptive_task, ending_early):
+    """Before the worse fits are dropped, after it, and when one has begun again."""
     starts = drawn_starts(deceptive_task.prior, 4, np.random.default_rng(0))
-    for stopped in (2, 5, 9):
-        whole = run(deceptive_task, starts, 12)
+    again = ended(run(deceptive_task, starts, 1)).steps + 2
+    for stopped in (2, 5, again):
+        whole = run(deceptive_task, starts, again + 3)
         state = json.loads(json.dumps(run(deceptive_task, starts, stopped).state()))
         resumed = SeveralStarts(
             deceptive_task.fit_task, JointEstimationSettings(scan_steps=()), starts
         )
         resumed.load_state(state)
-        for _ in range(12 - stopped):
+        for _ in range(again + 3 - stopped):
             resumed.step()
         resumed.choose()
         whole.choose()

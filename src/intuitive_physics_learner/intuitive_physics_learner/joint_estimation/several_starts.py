@@ -3,8 +3,11 @@
 A fit goes downhill from where it begins, and motion among contacts has many optima. So fits begin
 at several places of the prior. They are cheap as long as their horizons are short; then the worse
 ones are dropped (as by successive halving, Jamieson and Talwalkar 2016, *Non-stochastic best arm
-identification and hyperparameter optimization*). Those that are left may end at different places
-that the observations cannot tell apart, and how far these lie apart is part of the uncertainty.
+identification and hyperparameter optimization*). Where the best one has ended and not all motions
+are explained, another fit begins at its θ_s, with initial states as they were observed: some of
+those that were found have taken a wrong turn while θ_s was still wrong. Both may end at different
+places that the observations cannot tell apart, and how far these lie apart is part of the
+uncertainty.
 
 Where boxes tumble the loss has jumps, where contacts come in another order, some standard
 deviations of an initial state apart. A fit ends between them, in one of many places, and by how
@@ -40,7 +43,7 @@ DROP_STEPS = 4
 """Steps after which all but the best fits are dropped: then horizons are about 1 s; set by hand."""
 
 LEFT = 2
-"""Fits that are left then, to be compared in the end."""
+"""Fits that are left then at most: a second one where evidence cannot tell them apart."""
 
 SCORING_STEPS = 3
 """Joint steps up to a common horizon before evidences are compared; set by hand."""
@@ -138,14 +141,16 @@ class SeveralStarts(Resumable):
         weighted by its evidence, of which `CHANCE_EVIDENCE` is chance; zero before `choose`
     """
 
-    remembered = ("starts", "steps", "_dropped_simulations", "spread")
+    remembered = ("starts", "steps", "_may_begin_again", "_dropped_simulations", "spread")
 
     def __init__(
         self, task: FitTask, settings: JointEstimationSettings, starts: NDArray[np.float64]
     ) -> None:
-        self.task = task
+        self.task, self._settings = task, settings
         self.starts = starts
         self.steps = 0
+        # One start is for what little time there is.
+        self._may_begin_again = len(starts) > 1
         self.spread = np.zeros(starts.shape[1])
         self._dropped_simulations = 0.0
         nothing = [None] * len(task.influence)
@@ -163,8 +168,13 @@ class SeveralStarts(Resumable):
 
     @property
     def settled(self) -> bool:
-        """Whether all fits have converged."""
-        return all(fit.settled for fit in self.fits)
+        """Whether all fits have converged, and none is to begin again."""
+        return self._have_settled and not self._begins_again
+
+    @property
+    def ends_early(self) -> NDArray[np.bool_]:
+        """Whether of an observation (n_observations,) that counts not all points are explained."""
+        return np.asarray(self.task.counted & (self.best.horizons < durations(self.best)))
 
     @property
     def simulations(self) -> float:
@@ -180,14 +190,23 @@ class SeveralStarts(Resumable):
         return (SCORING_STEPS + 1) * each
 
     def step(self) -> None:
-        """Take a step of each fit that has not settled, and drop the worse ones when it is time."""
+        """Take a step of each fit that has not settled; drop the worse ones when it is time.
+
+        Where all have settled, another one begins at the best θ_s.
+        """
+        if self._have_settled and self._begins_again:
+            if len(self.fits) > 1:
+                self._order(compared_evidences(self.task, self.fits))
+            self._may_begin_again = False
+            self.add(self._begun_again())
         for fit in self.fits:
             if not fit.settled:
                 fit.step()
         self.steps += 1
-        if self.steps == DROP_STEPS and len(self.fits) > LEFT:
-            self._order(compared_evidences(self.task, self.fits, 0))
-            self.keep(LEFT)
+        if self.steps == DROP_STEPS and len(self.fits) > 1:
+            evidences = self._order(compared_evidences(self.task, self.fits, 0))
+            alike = int((evidences > evidences[0] - CHANCE_EVIDENCE).sum())
+            self.keep(min(alike, LEFT))
 
     def keep(self, count: int) -> None:
         """Drop all fits but the first ones."""
@@ -222,10 +241,32 @@ class SeveralStarts(Resumable):
         return {**super().state(), "fits": [fit.state() for fit in self.fits]}
 
     def load_state(self, state: Mapping[str, Any]) -> None:
+        could_begin_again = self._may_begin_again
         super().load_state(state)
+        if could_begin_again and not self._may_begin_again:
+            self.fits = [*self.fits[: len(self.starts) - 1], self._begun_again()]
         self.fits = self.fits[: len(self.starts)]
         for fit, fit_state in zip(self.fits, state["fits"], strict=True):
             fit.load_state(fit_state)
+
+    @property
+    def _have_settled(self) -> bool:
+        return all(fit.settled for fit in self.fits)
+
+    @property
+    def _begins_again(self) -> bool:
+        """Whether a fit begins again as soon as all have settled."""
+        return self._may_begin_again and bool(self.ends_early.any())
+
+    def _begun_again(self) -> JointFit:
+        """Return a fit that begins at the best θ_s, with initial states as observed."""
+        best = self.best
+        # A scan would leave that θ_s while horizons are short.
+        settings = replace(self._settings, scan_steps=())
+        fit = JointFit(self.task, settings, best.model.stated_blocks)
+        deviations = np.minimum(self.task.prior.deviations, best.deviations)
+        fit.begin_at(best.unit, deviations, [None] * len(self.task.influence))
+        return fit
 
     def _order(self, evidences: NDArray[np.float64]) -> NDArray[np.float64]:
         """Put the fits of larger evidences (n_fits,) first; return these in their order."""

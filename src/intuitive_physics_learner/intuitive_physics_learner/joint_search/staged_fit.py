@@ -24,7 +24,7 @@ from intuitive_physics_learner.joint_estimation.joint_fit import (
     JointFit,
     ObservationFit,
 )
-from intuitive_physics_learner.joint_estimation.several_starts import SeveralStarts, durations
+from intuitive_physics_learner.joint_estimation.several_starts import SeveralStarts
 from intuitive_physics_learner.joint_search.segment_stage import SegmentStage
 from intuitive_physics_learner.joint_search.separate_fits import FitOf, SeparateFits, all_alone
 from intuitive_physics_learner.search.learning_task import FitTask
@@ -104,8 +104,7 @@ class StagedFit(Resumable):
         Those fitted in segments do not count. What explains all of a motion is no wrong optimum,
         and motion that can be followed so far is not chaotic.
         """
-        ends_early = self.task.counted & (self.joint.horizons < durations(self.joint))
-        return np.asarray(self.task.influence[ends_early].any(axis=0))
+        return np.asarray(self.task.influence[self.jointly.ends_early].any(axis=0))
 
     @property
     def repeated_simulations(self) -> float:
